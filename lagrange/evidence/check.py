@@ -53,7 +53,7 @@ POINTS, FEW_POINTS, MANY_COORDINATES = 5, 3, 200
 """Points of a check; points of a check of a large system; number of coordinates above which a system is large."""
 
 MOST_WORK = 60_000_000
-"""Largest estimated time of the reference values of a check, in units of 0.1 us, if the number of points is not given.
+"""Largest estimated time of the reference values of a check, in units of 0.2 us, if the number of points is not given.
 
 All entries of a chain of 10 links in relative angles are compared at 5 points: 46 million units, and 10 s in fact.
 """

@@ -141,7 +141,7 @@ class Reference:
     def work(self) -> tuple[int, int, int]:
         """Return the estimated times of one point: without the Jacobian, of one of its columns, and in a direction.
 
-        The unit is 0.1 us. The estimates depend only on the statement.
+        The unit is 0.2 us. The estimates depend only on the statement.
         """
         n, by_velocity, by_place = len(self.statement.coordinates), self.terms.by_velocity, self.terms.by_place
         column, copies = n // 2, 2 + PERTURBED_COPIES

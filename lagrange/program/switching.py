@@ -143,13 +143,12 @@ class _Switches:
 
 
 def _with_sides(outputs: Sequence[Node]) -> Mapping[Node, None]:
-    """Return the nodes, in the outputs and in switches, at whose jumps a step must end.
+    """Return the nodes of the outputs at whose jumps a step must end.
 
     The angle in sin(3*atan2(y, x)) is not among them if it is used nowhere else: it may jump by 2 pi.
     """
     nodes: dict[Node, None] = {}
     waiting = [*outputs]
-    waiting += [node for node in reachable(outputs) if node.kind is Kind.CALL and node.data in SWITCHES]
     while waiting:
         node = waiting.pop()
         if node not in nodes:

@@ -23,7 +23,6 @@ from lagrange.evidence.check import check
 from lagrange.graph import differentiate
 from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.node import Kind, Node
-from lagrange.program import catalogue
 from tests.covering import Share
 
 Rule = Callable[..., Any]
@@ -208,10 +207,6 @@ def builder_mutants() -> Iterator[Mutant]:
     solve = module.solve_motion
     for fault, build in _elementwise(lambda *a: solve(*a)[0]).items():
         yield Mutant(f"solve_motion {fault}", _builder_patch("solve_motion", _without_multipliers(build)), rich)
-    for fault, build in _particular().items():
-        yield Mutant(fault, _builder_patch(fault.split()[0], build), rich)
-    for fault, build in _jacobian_faults().items():
-        yield Mutant(f"jacobian {fault}", _quantity_patch("jacobian", build), rich)
 
 
 def _without_multipliers(build: Rule) -> Rule:
@@ -219,77 +214,8 @@ def _without_multipliers(build: Rule) -> Rule:
     return lambda *a: (build(*a), [])
 
 
-def _particular() -> dict[str, Rule]:
-    module = euler_lagrange
-    mass, bias = module.mass_matrix, module.bias_forces
-
-    def off_diagonal(change: Callable[[Node], Node]) -> Rule:
-        def build(momenta: Any, v: Any) -> Any:
-            rows = [list(row) for row in mass(momenta, v)]
-            rows[0][1] = rows[1][0] = change(rows[0][1])
-            return tuple(map(tuple, rows))
-
-        return build
-
-    def without(key: str) -> Rule:
-        def build(forces: Any, momenta: Any, q: Any, v: Any, time: Node) -> Any:
-            zero = [time.graph.zero] * len(v)
-            if key == "convection":
-                along = differentiate.tangents(momenta, {time: time.graph.one})
-            elif key == "explicit time":
-                along = differentiate.tangents(momenta, dict(zip(q, v, strict=True)))
-            else:
-                along = differentiate.tangents(momenta, {**dict(zip(q, v[::-1], strict=True)), time: time.graph.one})
-            return [f - along(p) for f, p, _ in zip(forces, momenta, zero, strict=True)]
-
-        return build
-
-    return {
-        "mass_matrix off-diagonal negated": off_diagonal(lambda n: -n),
-        "mass_matrix off-diagonal dropped": off_diagonal(lambda n: n.graph.zero),
-        "mass_matrix off-diagonal scaled": off_diagonal(lambda n: n / 2),
-        "mass_matrix scaled": lambda *a: tuple(tuple(2 * n for n in row) for row in mass(*a)),
-        "bias_forces without dp/dq v": without("convection"),
-        "bias_forces without dp/dt": without("explicit time"),
-        "bias_forces with velocities swapped": without("swap"),
-        "bias_forces added": lambda f, p, q, v, t: [2 * a - b for a, b in zip(f, bias(f, p, q, v, t), strict=True)],
-        "applied_forces without dissipation": lambda forces, drag, v: list(forces),
-        "applied_forces with dissipation added": lambda forces, drag, v: [
-            a + b for a, b in zip(forces, differentiate.gradient(drag, v), strict=True)
-        ],
-        "generalized_forces without applied": lambda lagrangian, q, applied: differentiate.gradient(lagrangian, q),
-        "generalized_forces without dL/dq": lambda lagrangian, q, applied: list(applied),
-        "jacobi_integral with L added": lambda lagrangian, p, v: v[0] * p[0] + v[1] * p[1] + lagrangian,
-        "jacobi_integral without L": lambda lagrangian, p, v: v[0] * p[0] + v[1] * p[1],
-        "jacobi_integral with indices swapped": lambda lagrangian, p, v: v[0] * p[1] + v[1] * p[0] - lagrangian,
-        "jacobi_integral halved": lambda lagrangian, p, v: (v[0] * p[0] + v[1] * p[1]) / 2 - lagrangian,
-    }
-
-
-def _jacobian_faults() -> dict[str, Rule]:
-    right = catalogue.QUANTITIES["jacobian"]
-
-    def changed(change: Callable[[list[Node]], list[Node]]) -> Rule:
-        def build(equations: Any) -> Any:
-            return {name: change(list(nodes)) for name, nodes in right.results(equations).items()}
-
-        return build
-
-    return {
-        "lower half negated": changed(lambda n: [*n[:8], *(-e for e in n[8:])]),
-        "transposed": changed(lambda n: [n[4 * j + i] for i in range(4) for j in range(4)]),
-        "one entry dropped": changed(lambda n: [*n[:8], n[0], *n[9:]]),
-        "one entry scaled": changed(lambda n: [*n[:15], 2 * n[15]]),
-        "identity swapped": changed(lambda n: [*n[4:8], *n[:4], *n[8:]]),
-    }
-
-
 def _builder_patch(name: str, build: Rule) -> Callable[[], Any]:
     return lambda: patch.object(euler_lagrange, name, build)
-
-
-def _quantity_patch(name: str, build: Rule) -> Callable[[], Any]:
-    return lambda: patch.dict(catalogue.QUANTITIES, {name: replace(catalogue.QUANTITIES[name], results=build)})
 
 
 MUTANTS = [*function_mutants(), *rule_mutants(), *builder_mutants()]

@@ -17,7 +17,7 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.errors import LagrangeError
 from lagrange.export.languages import fmu as target
-from tests.export.systems import held, named
+from tests.export.systems import held
 from tests.export.test_c import run
 from tests.models import SCENE_NAMES
 
@@ -218,21 +218,6 @@ def test_a_parameter_that_makes_a_matrix_singular_is_named_as_the_cause(tmp_path
         assert any("a matrix is singular to round-off with these parameters" in item for item in messages)
 
 
-@pytest.mark.slow
-def test_both_archives_are_the_same_bytes_again(tmp_path: Path) -> None:
-    first, second = (lg.scene("pendulum").export("fmu", tmp_path / item) for item in "ab")
-    assert [path.read_bytes() for path in first.files] == [path.read_bytes() for path in second.files]
-
-
-@pytest.mark.slow
-def test_greek_names_are_kept(tmp_path: Path) -> None:
-    for path in written(named(["θ", "x1"], ["Ω", "m"]), tmp_path).values():
-        names = [item.name for item in fmpy.read_model_description(str(path)).modelVariables]
-        assert {"θ", "θ_dot", "der(θ)", "Ω", "m"} <= set(names)
-        with zipfile.ZipFile(path) as packed:
-            assert packed.read("modelDescription.xml").isascii()
-
-
 def test_units_are_defined_and_given(tmp_path: Path) -> None:
     x = lg.coordinates("x")
     m, k = lg.parameters("m k")
@@ -259,13 +244,6 @@ def test_units_are_defined_and_given(tmp_path: Path) -> None:
         }
     system.export("c", tmp_path)
     assert "parameters: m = 2.0 [kg], k = 3.0 [N/m]" in (tmp_path / "spring.h").read_text()
-
-
-@pytest.mark.slow
-def test_the_commands_test_the_sources(tmp_path: Path) -> None:
-    made = lg.scene("pendulum").export("fmu", tmp_path)
-    assert [run(command, tmp_path) for command in made.commands][-1].endswith("results are right\n")
-    assert [run(command, tmp_path) for command in made.run_commands][-1].startswith("t,theta,theta_dot\n0,")
 
 
 def test_without_a_compiler_there_is_no_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,6 @@ from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from lagrange.graph.share import share_sums
 from lagrange.graph.sympy_nodes import Translator, to_sympy
 from lagrange.machine.kernel.llvm_kernel import KernelCode
-from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.program.lower import lower
 from lagrange.program.program import Program
@@ -463,17 +462,6 @@ def test_the_adjoints_of_a_nesting_grow_linearly() -> None:
         x = graph.symbol("x", Binding.CONFIGURATION)
         sizes.append(sum(len(node.args) for node in reachable(gradient(nest(graph, x, depth), [x]))))
     assert sizes[2] - sizes[1] < 2.1 * (sizes[1] - sizes[0])
-
-
-@pytest.mark.slow
-def test_a_long_nesting_runs_in_machine_code() -> None:
-    graph = Graph()
-    x = graph.symbol("x", Binding.CONFIGURATION)
-    node = nest(graph, x, 1000)
-    program = program_of([node, *gradient(node, [x])], [x])
-    state = np.array([0.3])
-    result = LlvmMachine().load(program)(0.0, state, np.empty(0))
-    assert result == pytest.approx(NumpyMachine().load(program)(0.0, state, np.empty(0)), rel=1e-13)
 
 
 def test_a_deep_choice_is_walked_too() -> None:

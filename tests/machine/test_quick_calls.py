@@ -345,15 +345,6 @@ def test_the_inertia_of_a_lone_coordinate_is_looked_up_without_the_whole_matrix(
 
 
 @pytest.mark.slow
-def test_a_deep_and_a_wide_system_run() -> None:
-    for system in (nested(60), chain(60)):
-        first, second = (system.run(1.0, method=method, rtol=1e-9).require().y for method in ("taylor", "dop853"))
-        np.testing.assert_allclose(
-            first[:, -1], second[:, -1], rtol=1e-6, atol=1e-8
-        )  # a hundred times the tolerance, over one unit of time
-
-
-@pytest.mark.slow
 def test_many_angles_share_a_function() -> None:
     """Unrolled, 20,000 cosines were 76 million characters of code, which took two minutes to compile."""
     most = 8 * INLINE_ANGLES + 44

@@ -80,11 +80,9 @@ def size(place: Point) -> Any:
 POLAR, SPHERE = (r * cos(phi), r * sin(phi)), (sin(theta) * cos(phi), sin(theta) * sin(phi), -cos(theta))
 BALL = tuple(r * entry for entry in SPHERE)
 CYLINDER = (rho * cos(phi), rho * sin(phi), z)
-HANGING = (l * sin(theta), -l * cos(theta))
 FLAT, SPACE = (x, y), (x, y, z)
 POLAR_T = m * (r.dot**2 + r**2 * phi.dot**2) / 2
 ON_BALL = tuple(l * entry for entry in SPHERE)
-HOOP = (l * sin(theta) * cos(omega * t), l * sin(theta) * sin(omega * t), -l * cos(theta))
 TILTED = ((u + w) / sqrt(2), (u - w) / sqrt(2))
 RATES = (
     phi.dot * sin(theta) * sin(psi) + theta.dot * cos(psi),
@@ -114,20 +112,9 @@ ORBITS = (
 )
 ROTATED = (x * cos(omega * t) - y * sin(omega * t), x * sin(omega * t) + y * cos(omega * t))
 ELLIPSE = k * (x * cos(omega * t) + y * sin(omega * t)) ** 2
-CART = ((x,), (x + l * sin(theta), -l * cos(theta)))
-CENTRED = u - m2 * l * sin(theta) / (m1 + m2)
 
 
 SYSTEMS: dict[str, Listed] = {
-    "pendulum": Listed(
-        lambda p: [T(p) + m * g * p[1]],
-        (
-            body(HANGING, m * g * HANGING[1]),
-            expanded(m * l**2 * theta.dot**2 / 2, -m * g * l * cos(theta), HANGING),
-            body(FLAT, m * g * y, constraints={"rod": x**2 + y**2 - l**2}),
-        ),
-        (1, 1, 1),
-    ),
     "spherical pendulum": Listed(
         lambda p: [T(p) + m * g * p[2], angular(p)[2]],
         (
@@ -136,11 +123,6 @@ SYSTEMS: dict[str, Listed] = {
             body(SPACE, m * g * z, constraints={"rod": x**2 + y**2 + z**2 - l**2}),
         ),
         (2, 2, 2),
-    ),
-    "Kepler in the plane": Listed(
-        lambda p: [T(p) - k / size(p), *angular(p), *runge_lenz(p)],
-        (body(POLAR, -k / size(POLAR)), expanded(POLAR_T, -k / r, POLAR), body(FLAT, -k / size(FLAT))),
-        (4, 4, 4),
     ),
     "Kepler in space": Listed(
         lambda p: [T(p) - k / size(p), *angular(p), *runge_lenz(p)],
@@ -156,17 +138,6 @@ SYSTEMS: dict[str, Listed] = {
         (body(TILTED, m * g * TILTED[1]), expanded(POLAR_T, m * g * r * sin(phi), POLAR), body(FLAT, m * g * y)),
         (3, 3, 3),
     ),
-    "bead on a turning hoop": Listed(
-        lambda p: [m * l**2 * (theta.dot**2 - omega**2 * sin(theta) ** 2) / 2 - m * g * l * cos(theta)],
-        (
-            body(HOOP, m * g * HOOP[2]),
-            expanded(m * l**2 * (theta.dot**2 + omega**2 * sin(theta) ** 2) / 2, -m * g * l * cos(theta), HOOP),
-            expanded(
-                m * l**2 * (theta.dot**2 + omega**2 * (1 - cos(2 * theta)) / 2) / 2, -m * g * l * cos(theta), HOOP
-            ),
-        ),
-        (1, 1, 1),
-    ),
     "heavy top": Listed(
         lambda q: [TOP + m * g * l * cos(theta), TOP.diff(phi.dot), TOP.diff(psi.dot)],
         (
@@ -175,28 +146,6 @@ SYSTEMS: dict[str, Listed] = {
             expanded(sympy.expand(TOP), m * g * l * (1 - 2 * sin(theta / 2) ** 2), ()),
         ),
         (3, 3, 3),
-    ),
-    "cart and pole": Listed(
-        lambda p, q: [
-            lg.kinetic_energy(m1, p) + lg.kinetic_energy(m2, q) + m2 * g * q[1],
-            m1 * rates(p)[0] + m2 * rates(q)[0],
-        ],
-        (
-            Way({"kinetic": pair((m1, m2), *CART), "potential": m2 * g * CART[1][1]}, CART),
-            expanded(
-                (m1 + m2) * x.dot**2 / 2 + m2 * l * cos(theta) * x.dot * theta.dot + m2 * l**2 * theta.dot**2 / 2,
-                -m2 * g * l * cos(theta),
-                *CART,
-            ),
-            Way(
-                {
-                    "kinetic": pair((m1, m2), (CENTRED,), (CENTRED + l * sin(theta), -l * cos(theta))),
-                    "potential": -m2 * g * l * cos(theta),
-                },
-                ((CENTRED,), (CENTRED + l * sin(theta), -l * cos(theta))),
-            ),
-        ),
-        (2, 2, 2),
     ),
     "two bodies in the plane": Listed(
         lambda p, q: [
@@ -235,15 +184,6 @@ SYSTEMS: dict[str, Listed] = {
         (body(FLAT, ELLIPSE), expanded(POLAR_T, k * r**2 * cos(phi - omega * t) ** 2, POLAR), body(ROTATED, k * x**2)),
         (0, 0, 1),
     ),
-    "body on a sphere": Listed(
-        lambda p: [T(p), *angular(p)],
-        (
-            body(ON_BALL),
-            expanded(m * l**2 * (theta.dot**2 + phi.dot**2 * sin(theta) ** 2) / 2, S.Zero, ON_BALL),
-            body(SPACE, constraints={"ball": x**2 + y**2 + z**2 - l**2}),
-        ),
-        (4, 4, 4),
-    ),
     "body in a drag": Listed(
         lambda p: [m * rate + c * entry for rate, entry in zip(rates(p), p, strict=True)],
         (
@@ -254,18 +194,5 @@ SYSTEMS: dict[str, Listed] = {
             ),
         ),
         (2, 2, 2),
-    ),
-    "driven pendulum": Listed(
-        lambda p: [],
-        (
-            body((a * cos(omega * t) + l * sin(theta), -l * cos(theta)), -m * g * l * cos(theta)),
-            expanded(
-                m * l**2 * theta.dot**2 / 2 - m * l * a * omega * sin(omega * t) * cos(theta) * theta.dot,
-                -m * g * l * cos(theta),
-                HANGING,
-            ),
-            expanded(m * l**2 * theta.dot**2 / 2, -m * (g + a * cos(omega * t)) * l * cos(theta), HANGING),
-        ),
-        (0, 0, 0),
     ),
 }

@@ -160,14 +160,6 @@ def test_the_jacobi_integral_is_named_with_and_without_a_potential() -> None:
     assert names(lagrangian=-m * c**2 * sqrt(1 - x.dot**2 / c**2) - k * x**2)[0] == "energy"
 
 
-@pytest.mark.slow
-def test_several_bodies_turn_together() -> None:
-    names = [item.name for item in lg.scene("sun-earth-moon").conserved()]
-    assert {*(f"{what} {axis}" for what in ("momentum", "angular momentum") for axis in "xyz"), "energy"} <= set(names)
-    vortices = {item.name: item.expression for item in lg.scene("two-point-vortices").conserved()}
-    assert {"energy", "momentum x", "momentum y", "angular momentum z"} <= set(vortices)
-
-
 @pytest.mark.parametrize(
     "statement",
     [

@@ -75,18 +75,6 @@ def test_independent_coordinates_may_be_any() -> None:
     assert result.C[0, 1] * result.C[1, 0] == -3 * m**2 * r**4 * w**2 / 4
 
 
-@pytest.mark.slow
-def test_a_disc_on_a_circle_rolls_on_it_steadily() -> None:
-    tilt, turn = sympy.pi / 6, sympy.Integer(1)
-    # Gravity balances the turning of the spin: g sin b + r cos b (3/2 spin + 5/4 turn sin b) turn = 0.
-    balanced = -Rational(2, 3) * (g * sympy.tan(tilt) / (r * turn) + Rational(5, 4) * turn * sin(tilt))
-    circle = {lean: tilt, heading.dot: turn, spin.dot: balanced, x.dot: r * balanced}
-    assert disc().linearize(circle).note == "About a steady motion on the constraints."
-    off = disc().linearize({**circle, spin.dot: 2 * balanced, x.dot: 2 * r * balanced})
-    assert off.note.startswith("Away from equilibrium: the forces left are ")
-    assert off.note.endswith(" on lean, and the matrices hold at this instant.")
-
-
 def random_system(seed: int) -> tuple[lg.System, Any, Any]:
     """Return a system whose z and heading' follow from the others, with z = f(x, y, t) and heading' = h."""
     random = np.random.default_rng(seed)

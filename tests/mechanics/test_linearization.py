@@ -22,18 +22,6 @@ x, y, z, theta, phi = lg.coordinates("x y z theta phi")
 WRONG: Any = 3
 
 
-@pytest.mark.slow
-def test_pieces_of_a_table_meet_without_a_corner() -> None:
-    """Their values and slopes differ by rounding at a point of the table, where the forces are linear."""
-    points = np.linspace(-3, 3, 25)
-    sprung = lg.System(m * x.dot**2 / 2, k * lg.table(x, points, points**2 / 2), parameters={m: 2, k: 3})
-    assert float(sprung.linearize({x: 0}).K[0].subs(k, 3)) == pytest.approx(3, rel=1e-9)
-    assert sprung.modes(sprung.equilibria()[0].coordinates).frequencies[0] == pytest.approx(1.5**0.5, rel=1e-9)
-    broken = lg.System(m * x.dot**2 / 2, forces={x: Piecewise((-0.1 * x, x < 0), (-0.1000000001 * x, True))})
-    with pytest.raises(StatementError, match="corner or a jump at x = 0"):
-        broken.linearize()
-
-
 def cart(**more: Any) -> lg.System:
     bob = (x + l * sin(theta), -l * cos(theta))
     return lg.System(

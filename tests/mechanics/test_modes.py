@@ -169,25 +169,6 @@ def test_verdicts(system: Any, stable: Any) -> None:
         assert system().modes().stable is stable
 
 
-@pytest.mark.slow
-@pytest.mark.few(1)
-@pytest.mark.parametrize("values", [{}, {"m1": 1, "m2": 2, "l1": 1, "l2": 0.5, "g": 9.81}])
-def test_the_general_double_pendulum_has_short_shapes(values: dict[str, float]) -> None:
-    """Fractions of such roots, which SymPy simplifies for hours, are rationalised as polynomials in the roots."""
-    m1, m2, l1, l2 = lg.parameters("m1 m2 l1 l2")
-    first, second = lg.coordinates("one two")
-    kinetic = (m1 + m2) * l1**2 * first.dot**2 / 2 + m2 * l2**2 * second.dot**2 / 2
-    kinetic += m2 * l1 * l2 * first.dot * second.dot * cos(first - second)
-    potential = -(m1 + m2) * g * l1 * cos(first) - m2 * g * l2 * cos(second)
-    result = lg.System(kinetic, potential, parameters=values).modes({})
-    assert result.symbolic and result.stable is True
-    root = sqrt((m1 + m2) * (m1 * (l1 - l2) ** 2 + m2 * (l1 + l2) ** 2))
-    for shape, sign in zip(result.shapes, (1, -1), strict=True):
-        difference = shape[1] - ((m1 + m2) * (l2 - l1) + sign * root) / (2 * l2 * m2)
-        assert sympy.expand(difference.subs({l1: 3, l2: 2, m1: 5, m2: 7})).equals(0)
-        assert sympy.count_ops(shape[1]) < 60  # with the root in the denominator 64
-
-
 def test_a_minimum_of_order_four_is_not_denied() -> None:
     """x^4 has a strict minimum, which second derivatives do not show."""
     result = [lg.System(m * x.dot**2 / 2, x**4, parameters=values).modes() for values in ({m: 1.0}, {})]

@@ -103,12 +103,6 @@ def test_forces_have_one_order_less_and_dissipation_has_all() -> None:
     assert sympy.expand(FORCED.small(order=3).statement.dissipation - c * (1 + x / 2) * x.dot**2 / 2) == 0
 
 
-@pytest.mark.slow
-def test_accelerations_are_those_of_the_system_at_any_point() -> None:
-    for order in (2, 3):
-        assert error(FORCED, {x: 0.1, theta: 0.3, x.dot: 0.5, theta.dot: -0.4}, order, 0.0) < 1e-12
-
-
 def test_constraints_are_expanded_with_their_curvature() -> None:
     rod = shared_scene("cartesian-pendulum")
     length = next(p for p in rod.statement.parameters if p.name == "l")

@@ -58,22 +58,6 @@ def test_pivot_on_a_circle() -> None:
     assert same(driven.accelerations()[phi], book)
 
 
-@pytest.mark.slow
-def test_elastic_pendulum() -> None:
-    """Goldstein, chapter 6, exercise 4: the frequencies are w^2 = k/m and g/(l + m g/k)."""
-    spring = lg.System(
-        m * (r.dot**2 + r**2 * theta.dot**2) / 2,
-        -m * g * r * cos(theta) + k * (r - l) ** 2 / 2,
-        coordinates=[r, theta],
-        initial={r: 1.0},
-    )
-    assert same(spring.accelerations()[r], r * theta.dot**2 + g * cos(theta) - k * (r - l) / m)
-    hanging = next(item for item in spring.equilibria() if item.coordinates[theta] == 0)
-    assert same(hanging.coordinates[r], l + m * g / k)
-    result = squares(spring, hanging.at)
-    assert sum(same(item, k / m) for item in result) == sum(same(item, g / (l + m * g / k)) for item in result) == 1
-
-
 def central(potential: Any) -> lg.System:
     return lg.System(m * (r.dot**2 + r**2 * phi.dot**2) / 2, potential, coordinates=[r, phi], initial={r: 1.0})
 
@@ -163,18 +147,6 @@ def test_foucault() -> None:
     assert same(fast * slow, g / l)
 
 
-@pytest.mark.slow
-def test_larmor() -> None:
-    """Landau, section 45 of The Classical Theory of Fields: a bound charge has sqrt(w0^2 + wL^2) -+ wL, wL = q B/2m."""
-    atom = lg.System(
-        lagrangian=m * (x.dot**2 + y.dot**2) / 2 + q * B * (x * y.dot - y * x.dot) / 2 - k * (x**2 + y**2) / 2,
-        coordinates=[x, y],
-    )
-    slow, fast = atom.modes().frequencies
-    assert same(fast - slow, q * B / m)
-    assert same(fast + slow, 2 * sqrt(k / m + (q * B / (2 * m)) ** 2))
-
-
 def test_charge_in_a_field() -> None:
     """Landau, The Classical Theory of Fields, section 21: circles with q B/m; H = (p - q A)^2/2m."""
     charge = lg.System(lagrangian=m * (x.dot**2 + y.dot**2) / 2 + q * B * x * y.dot, coordinates=[x, y])
@@ -257,29 +229,6 @@ def test_triangular_points() -> None:
     assert same((lin.M * rate**2 + lin.C * rate + lin.K).det(), book)
 
 
-@pytest.mark.slow
-def test_critical_mass_ratio() -> None:
-    """Szebehely, section 5.4 (Routh 1875): no linear motion grows below mu = (1 - sqrt(23/27))/2."""
-    modes = three_bodies().modes(TRIANGLE)
-    gap = sympy.simplify((modes.frequencies[1] ** 2 - modes.frequencies[0] ** 2) ** 2)
-    assert same(gap, 1 - 27 * mu * (1 - mu))
-    critical = (1 - sqrt(Rational(23, 27))) / 2
-    assert same(gap.subs(mu, critical), 0)
-    for thousandths, stable in ((38, None), (39, False)):
-        ratio = Rational(thousandths, 1000)
-        system = three_bodies().substitute({mu: ratio})
-        assert system.modes({**TRIANGLE, x: Rational(1, 2) - ratio}).stable is stable
-
-
-@pytest.mark.slow
-def test_collinear_points() -> None:
-    """Szebehely, section 4.6: with equal masses the inner point is the middle, the outer ones 1.19841 away."""
-    result = three_bodies().substitute({mu: Rational(1, 2)}).equilibria()
-    line = sorted(float(item.coordinates[x]) for item in result if abs(item.coordinates[y]) < 1e-9)
-    assert line == pytest.approx([-1.1984061, 0.0, 1.1984061], abs=1e-7)
-    assert len(result) == 5
-
-
 def test_two_bodies() -> None:
     """Goldstein, section 3.1: the centre of mass moves freely, the distance with the reduced mass."""
     system = lg.System((m1 * x.dot**2 + m2 * y.dot**2) / 2, k * (x - y) ** 2 / 2, coordinates=[x, y])
@@ -288,17 +237,6 @@ def test_two_bodies() -> None:
     assert same(apart.statement.kinetic, total * X.dot**2 / 2 + m1 * m2 / total * r.dot**2 / 2)
     assert same(apart.statement.potential, k * r**2 / 2)
     match(squares(apart), [0, k * total / (m1 * m2)])
-
-
-@pytest.mark.slow
-def test_centrifugal_governor() -> None:
-    """Landau, section 5, problem 4: the arms stand at cos = (m1 + m2) g/(m1 a W^2)."""
-    governor = lg.System(
-        m1 * a**2 * (theta.dot**2 + w**2 * sin(theta) ** 2) + 2 * m2 * a**2 * theta.dot**2 * sin(theta) ** 2,
-        -2 * (m1 + m2) * g * a * cos(theta),
-    )
-    tilted = next(item for item in governor.equilibria() if item.coordinates[theta].has(acos))
-    assert same(cos(tilted.coordinates[theta]), (m1 + m2) * g / (m1 * a * w**2))
 
 
 def test_bead_on_a_turning_wire() -> None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import errno
-import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -17,9 +15,6 @@ from lagrange.members import jobs, store
 from tests.members.store_files import files
 
 zarr = pytest.importorskip("zarr")
-
-PAGE = 4096
-"""Bytes by which a file system in memory grows."""
 
 
 @pytest.fixture(autouse=True)
@@ -90,55 +85,3 @@ def test_some_writes_that_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     count = writes_of(disk, tmp_path / "counted.zarr")
     for room in (0, count // 3, count // 2, count - 1):
         goes_on_after(room, disk, tmp_path / f"{room}.zarr", whole)
-
-
-@pytest.mark.slow
-def test_every_write_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: dict[str, bytes]) -> None:
-    disk = Filling(monkeypatch)
-    for room in range(writes_of(disk, tmp_path / "counted.zarr")):
-        goes_on_after(room, disk, tmp_path / f"{room}.zarr", whole)
-
-
-def mount(*options: str) -> None:
-    done = subprocess.run(["mount", *options], capture_output=True, text=True, check=False)
-    if done.returncode:
-        pytest.skip(f"no file system can be mounted here: {done.stderr.strip()}")
-
-
-@contextmanager
-def small_disk(folder: Path, options: str) -> Iterator[Path]:
-    """A small file system in memory."""
-    folder.mkdir()
-    mount("-t", "tmpfs", "-o", options, "tmpfs", str(folder))
-    try:
-        yield folder
-    finally:
-        subprocess.run(["umount", str(folder)], check=True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["size", "nr_inodes"])
-def test_a_disk_of_every_size(tmp_path: Path, kind: str, whole: dict[str, bytes]) -> None:
-    """The disk has one more page or file each time, until a call succeeds at once.
-
-    A call that fails is repeated with free space.
-    """
-    unit, plenty = (PAGE, 64 * 2**20) if kind == "size" else (1, 10_000)
-    fails = 0
-    for count in range(1, 1000):
-        with small_disk(tmp_path / f"{count}", f"{kind}={unit * (count + 1)}") as disk:
-            target = disk / "runs.zarr"
-            try:
-                run(target)
-                through = True
-            except lg.RunError as error:
-                said, through = str(error), False
-            if not through:
-                fails += 1
-                assert "No space left on device" in said and "make the same call again" in said
-                mount("-o", f"remount,{kind}={plenty}", str(disk))
-                assert lg.Status.INTERRUPTED not in run(target).status
-            assert files(target) == whole
-        if through:
-            break
-    assert fails > 20

@@ -126,28 +126,6 @@ def test_a_grid_is_every_combination_and_a_sample_is_repeated_by_its_seed() -> N
 
 
 @pytest.mark.slow
-def test_what_is_kept_is_what_a_run_has() -> None:
-    x, y = system("henon-heiles").coordinates
-    keep = ("end", "counts", "drift", ("max", x), ("min", x**2 - y), ("mean", x), ("events", 2))
-    runs = lg.ensemble(system("henon-heiles"), 20.0, {"x": [0.1, 0.2]}, keep=keep, events=[x], rtol=1e-10)
-    times = np.linspace(0.0, 20.0, 200_001)
-    for i, start in enumerate((0.1, 0.2)):
-        alone = system("henon-heiles").run(20.0, {"x": start}, events=[x], rtol=1e-10)
-        path = alone.at(times)
-        # Samples at distances of 1e-4 miss an extremum by at most their square.
-        assert runs["max(x)"][i] == pytest.approx(path[0].max(), abs=1e-8)
-        assert runs["min(x**2 - y)"][i] == pytest.approx((path[0] ** 2 - path[1]).min(), abs=1e-8)
-        assert runs["mean(x)"][i] == pytest.approx(np.trapezoid(path[0], times) / 20.0, abs=1e-8)
-        assert np.allclose(runs.t_events[0][i], alone.t_events[0][:2], rtol=1e-12)
-        assert np.allclose(runs.y_events[0][i], alone.y_events[0][:2], rtol=1e-11, atol=1e-12)
-        assert runs.steps[i] == alone.steps and abs(runs["drift"][i]) < 1e-8
-    lanes = lg.ensemble(system("henon-heiles"), 20.0, {"x": [0.1, 0.2]}, keep=("drift", "counts"), rtol=1e-10)
-    assert np.array_equal(lanes.steps, runs.steps) and np.allclose(lanes["drift"], runs["drift"], atol=1e-13)
-    with pytest.raises(lg.StatementError, match="state was not kept: add"):
-        _ = lanes.y
-
-
-@pytest.mark.slow
 def test_what_is_kept_has_its_name_and_the_pair_that_it_was_asked_by() -> None:
     x = system("henon-heiles").coordinates[0]
     starts, times = {"x": [0.1, 0.2]}, [0.5, 1.0]

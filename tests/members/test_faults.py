@@ -92,17 +92,6 @@ def test_a_fault_beside_healthy_members(fault: Faulty, method: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_faults_run_in_lanes(everything: bool) -> None:
-    """Faults run in lanes, except those with switching surfaces."""
-    faults = FAULTY if everything else FAULTY[:2]
-    for fault in faults:
-        for method in ("dop853", "rk4"):
-            assert "side by side" in run(fault, method, 0, count=HEALTHY).form
-    taylor = [fault.name for fault in faults if "side by side" in run(fault, "taylor", 0, count=HEALTHY).form]
-    assert len(taylor) >= len(faults) - 4
-
-
-@pytest.mark.slow
 def test_a_store_has_the_sentences_of_memory(tmp_path: Any) -> None:
     pytest.importorskip("zarr")
     galaxy, starts = lg.scene("henon-heiles").compile(), {"x": [0.1, 1.0, 0.2, 1.1]}

@@ -250,27 +250,6 @@ def test_the_start_stays_on_the_constraints(browser: Browser, tmp_path: Path) ->
         assert tab.text("#said") == ""
 
 
-@pytest.mark.slow
-def test_a_linkage_keeps_together(browser: Browser, tmp_path: Path) -> None:
-    system = shared_scene("four-bar")
-    names = [p.name for p in system.statement.parameters]
-    with browser.open(system.to_page(tmp_path / "page.html")) as tab:
-        tab.click("#play")
-        tab.type(f"#number{len(names)}", 4.5)  # the crank, from pi/2
-        assert tab.text("#said") == ""
-        values = tab.value("lagrange.values()")
-        assert values["initial"][0] == pytest.approx(4.5, rel=1e-12)
-        assert abs(values["initial"][2] - system.statement.initial[2]) < 1.0  # the rocker has not turned over
-        assert moves_as_ours(tab, system, [0.0, 1.0])
-        tab.type(f"#number{names.index('l1')}", 20.0)
-        assert tab.text("#said") == "The constraints have no state near this one with these parameters."
-        assert tab.value("lagrange.values().initial") == values["initial"]
-        tab.click("#defaults")
-        assert tab.text("#said") == ""
-        assert moves_as_ours(tab, system, [0.0, 1.0])
-        assert tab.complaints() == []
-
-
 def test_a_value_that_jumps_moves_a_linkage_as_one_that_is_dragged(browser: Browser, tmp_path: Path) -> None:
     system = shared_scene("four-bar")
     place = [p.name for p in system.statement.parameters].index("l1")

@@ -221,8 +221,6 @@ def test_what_cannot_be_solved_is_refused() -> None:
 # --- projection -----------------------------------------------------------------------------------------------
 # The projection onto constraints, on random mechanisms: a Newton step with the least change in the mass metric.
 
-TIME = 0.3
-
 
 def corrections(model: Model, y: FloatArray, t: float = 0.0) -> tuple[FloatArray, float, float]:
     """Return [dq, dv], the violation before, and the violation after."""

@@ -22,7 +22,7 @@ from tests.recipes.agreement import EPS, OWN, SCENES, apart, named, sensitivity,
 from tests.recipes.agreement import states as states_of
 
 Function = Callable[[float, Any, Any], Any]
-CASADI, JAX, NUMBA, SYMPY = "casadi", "jax", "numba", "sympy"
+CASADI, JAX, SYMPY = "casadi", "jax", "sympy"
 few = settings(max_examples=examples(12), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 

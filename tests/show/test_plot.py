@@ -49,16 +49,6 @@ def test_one_coordinate_and_its_energy() -> None:
 
 
 @pytest.mark.slow
-def test_fourteen_coordinates_each_have_a_panel() -> None:
-    figure = drawn(free(14))
-    assert labels(figure)[:14] == [f"$x_{{{i}}}$" for i in range(1, 15)]
-    assert len(figure.axes) == 15
-    boxes = [axis.get_tightbbox() for axis in figure.axes]
-    overlaps = sum(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
-    assert overlaps == 0, "no panel writes over another"
-
-
-@pytest.mark.slow
 def test_a_hundred_coordinates_share_panels() -> None:
     figure = free(100).plot()
     assert len(figure.axes) == 26 and titles(figure)[0] == "coordinates x1 to x4"

@@ -158,11 +158,6 @@ def test_an_answer_without_the_parameters_of_a_body_is_wrong() -> None:
     assert "contains no acceleration such as x''" in system.compare("x = 0").message
 
 
-@pytest.mark.slow
-def test_a_wrong_equation_in_rates_is_named() -> None:
-    assert top().compare([EULER - 2 * m * R[2, 1], *OTHERS]).wrong == (0,)
-
-
 def test_scenes_and_pickles_keep_rotations(tmp_path: Path) -> None:
     system = top(initial={R: lg.turn((1, 0, 0), 0.3), R.body: (0, 0, 20)}, positions={"tip": R * (0, 0, 1)})
     ends = [other.run(0.5)[R][-1] for other in (system, lg.System.from_scene(system.to_scene(tmp_path / "top.toml")))]

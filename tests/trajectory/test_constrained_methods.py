@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -16,7 +15,6 @@ from lagrange.equations.regularity import equations_of
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
 from lagrange.statement.event import Event
-from lagrange.trajectory.methods.radau import STAGES, radau5_index2
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status
@@ -225,46 +223,6 @@ def test_redundant_constraints_that_are_allowed_change_nothing(method: str) -> N
 
 # --- Radau's step on index 2 ----------------------------------------------------------------------------------
 # Radau's step on index 2: its multipliers, its tolerances, and the floors of vectors of a state.
-
-
-class Newton:
-    """The argument `solve` of a step function: Newton's method in doubles, which stores the unknowns of each call."""
-
-    def __init__(self) -> None:
-        self.kept: list[tuple[FloatArray, ...]] = []
-
-    def __call__(self, residual: Callable[..., Any], guess: Any, predict: Any = None) -> Any:
-        unknowns, count = np.concatenate(guess), len(guess)
-
-        def off(values: FloatArray) -> FloatArray:
-            return np.concatenate(residual(*np.split(values, count)))
-
-        for _ in range(12):
-            rows = [(off(unknowns + 1e-6 * e) - off(unknowns - 1e-6 * e)) / 2e-6 for e in np.eye(len(unknowns))]
-            unknowns = unknowns - np.linalg.solve(np.array(rows).T, off(unknowns))
-        self.kept.append(tuple(np.split(unknowns, count)))
-        return self.kept[-1]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["pumped", "sleigh"])
-def test_the_multipliers_of_radaus_step_are_of_order_3(name: str) -> None:
-    compiled = system(name)
-    law, values, count = compiled.law("constrained"), compiled.parameter_array(), len(compiled.equations.constraints)
-    n, errors, counts = compiled.dimension, [], (8, 11, 16)
-
-    def call(t: float, *arguments: FloatArray) -> tuple[FloatArray, ...]:
-        return tuple(np.split(law(float(t), np.concatenate(arguments), values), 5))
-
-    end = truth(name)
-    exact = compiled.multipliers(end[:n], end[n:], 1.0)
-    for steps in counts:
-        q, v = np.split(np.array(compiled.statement.initial), 2)
-        for i in range(steps):
-            solve = Newton()
-            q, v, *_ = radau5_index2(call, i / steps, q, v, 1 / steps, solve)
-        errors.append(np.abs(solve.kept[0][2 * STAGES - 1][:count] - exact).max())
-    assert -np.polyfit(np.log(counts), np.log(errors), 1)[0] == pytest.approx(3, abs=0.3), errors
 
 
 @pytest.mark.parametrize("target", LLVM_FIRST)

@@ -343,13 +343,6 @@ def test_a_rod_that_shrinks_to_a_point_ends_a_run_long_before_its_steps_are_used
     assert fewer.status is lg.Status.MAX_STEPS
 
 
-@pytest.mark.slow
-def test_a_rod_that_shrinks_nearly_to_a_point_and_grows_again_is_followed() -> None:
-    rod = held(x**2 + y**2 - (1 - lg.t) ** 2 - 1e-6, {x: 1.0, x.dot: -1.0}, 9.81 * y)
-    run = rod.run(2.0, t_eval=[2.0], method="dop853", check=False)
-    assert run.status is lg.Status.SUCCESS and run.trajectory.steps > 10_000
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["rk4", "heun", "gauss2", "gauss3", "rattle", "lobatto4", "bdf2"])
 def test_equal_steps_into_the_point_of_a_shrinking_rod_name_it(method: str) -> None:

@@ -241,26 +241,6 @@ def test_control_c_keeps_events_and_states_together(name: str) -> None:
     assert len(result.t_events[1]) in (len(result.t_events[0]), len(result.t_events[0]) + 1)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(20))
-def test_random_systems_agree_with_the_taylor_method(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    a = [round(float(value), 3) for value in rng.uniform(0.3, 1.5, 4)]
-    model = build(
-        kinetic=(x.dot**2 + y.dot**2) / 2 + a[0] * x.dot * y.dot * cos(x - y) / 4,
-        potential=a[1] * x**2 - cos(a[2] * y) + a[3] * sin(x) * y / 3,
-        coordinates=[x, y],
-        initial={x: a[0], y: -a[1], x.dot: 0.2},
-    )
-    events = [x - 0.1, event(y + x / 2, direction=-1), x * y.dot - 0.05, sin(3 * t) - x]
-    truth = run(model, 8.0, "taylor", events=events, rtol=1e-13, atol=1e-15)
-    assert sum(map(len, truth.t_events)) > 8
-    for name in ("rk4", "dopri5", "dop853"):
-        result = go(model, 8.0, events, name)
-        for first, second in zip(result.t_events, truth.t_events, strict=True):
-            assert first == pytest.approx(second, abs=1e-8)
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("name", ["taylor", *STEPPED, *IMPLICIT, *OUTSIDE])
 def test_backwards_through_resets(name: str) -> None:
