@@ -58,7 +58,7 @@ class Structure:
 
     @cached_property
     def cyclic(self) -> tuple[int, ...]:
-        """Indices of coordinates on which the Lagrangian does not depend, without force, dissipation and constraint."""
+        """Indices of cyclic coordinates: L does not depend on them, and no force, drag or constraint acts on them."""
         return tuple(i for i in self.free if self.decisions.cyclic(i))
 
     @property

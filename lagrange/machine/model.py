@@ -229,7 +229,10 @@ class Model:
         return self._quick_rhs(t, y)
 
     def _check_rates(self, t: float | ArrayLike, state: State, parameters: Parameters) -> None:
-        """Raise StatementError for zero velocities without inertia that contradict their nonlinear equations."""
+        """Raise StatementError if the velocity of a coordinate without inertia is 0 and contradicts its equation.
+
+        This concerns equations that are not linear in these velocities: a state must contain the velocities.
+        """
         rows = list(self.equations.first_order)
         relations = self.equations.constraints.velocities[-len(rows) :]
         residuals = self._call(self.function("relations", (*relations, *term_sizes(relations))), t, state, parameters)

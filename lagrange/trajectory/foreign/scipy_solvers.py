@@ -176,14 +176,14 @@ class Radau(ScipyMethod):
 
 
 class BDF(ScipyMethod):
-    """Backward differentiation of variable order, at most 5 (the claim): for stiff systems."""
+    """Backward differentiation of variable order up to 5, for stiff systems."""
 
     name, claims = "scipy-bdf", Claims(order=5, adaptive=True, explicit=False, events=True)
     solver, degree, first_power = scipy.integrate.BDF, 5, 2
 
 
 class LSODA(ScipyMethod):
-    """Adams of variable order, at most 12 (the claim), or backward differentiation where the system is stiff."""
+    """Adams of variable order up to 12, or backward differentiation where the system is stiff."""
 
     name, claims = "scipy-lsoda", Claims(order=12, adaptive=True, explicit=False, events=True)
     solver, degree, from_zero = scipy.integrate.LSODA, 12, True

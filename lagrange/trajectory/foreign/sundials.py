@@ -37,7 +37,7 @@ _REACHED = 1
 @final
 @dataclass(frozen=True)
 class CVODE:
-    """CVODE of SUNDIALS: backward differentiation of variable order, at most 5 (the claim): for stiff systems.
+    """CVODE of SUNDIALS: backward differentiation of variable order up to 5, for stiff systems.
 
     `method` is 'BDF' or 'Adams', of order up to 12, for systems that are not stiff. `max_step` bounds the steps,
     `first_step` sets the first, both positive times, and `max_order` bounds the order. CVODE uses the model's compiled
