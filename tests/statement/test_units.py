@@ -132,7 +132,7 @@ def test_units_that_do_not_fit_are_refused(name: str) -> None:
 def test_units_of_which_two_are_wrong_are_listed() -> None:
     assert refusal(
         lg.System, T, k * (x - a) ** 2 / 2, forces={x: F}, dimensions={x: "m", a: "cm", F: "kN", k: "N/m", m: "kg"}
-    ).endswith("Stated are x in m, a in cm, F in kN, k in N/m.")
+    ).endswith("Stated are a in cm, x in m, F in kN, k in N/m.")
 
 
 phi, i = lg.coordinates("phi i")
@@ -163,12 +163,6 @@ def test_the_one_term_that_differs_is_named(name: str) -> None:
     assert refusal(lg.System, **motor, dimensions=MOTOR | {symbol: unit}) == (
         f"{term} times that of the other terms: state {label_of(symbol)} in {MOTOR[symbol]} instead of {unit}."
     )
-
-
-@pytest.mark.parametrize(("text", "instead"), [("lbf/in", "inch"), ("in", "inch"), ("gf", "kgf/1000")])
-def test_other_spellings_of_units_are_suggested(text: str, instead: str) -> None:
-    assert refusal(read_dimension, text, "it").endswith(f" is neither a dimension nor a unit. Write {instead!r}.")
-    assert read_dimension(text.replace("in", "inch") if "in" in text else instead, "it").unit
 
 
 RATES: dict[str, tuple[dict[Any, str], str]] = {
@@ -251,7 +245,7 @@ EVENTS: dict[str, tuple[Any, str]] = {
     "ratio of times": (lg.t / u - 2, rf"event 0 has the term t/u{OTHER}"),
     "ratio": (x / a - 2, rf"event 0 has the term x/a{OTHER}"),
     "time as reset": (lg.event(x, reset={u: lg.t}), rf"the reset of event 0 has the term t{OTHER}"),
-    "time in a reset": (lg.event(x, reset={u: u + lg.t}), rf"the reset of event 0 has the term u{OTHER}"),
+    "time in a reset": (lg.event(x, reset={u: u + lg.t}), rf"the reset of event 0 has the term t{OTHER}"),
 }
 
 
@@ -320,6 +314,9 @@ def test_suggested_units_can_be_typed_back(of_w: str, of_k: str) -> None:
         ("m/s²", "m/s**2", 1),
         ("kHz", "1/ms", 1),
         ("lbf", "pound*9.80665*m/s**2", 1),
+        ("lbf/in", "lbf/inch", 1),
+        ("in", "inch", 1),
+        ("gf", "kgf", 1e-3),
         ("eV", "1.602176634e-19*kg*m**2/s**2", 1),
         ("min", "minute", 1),
     ],

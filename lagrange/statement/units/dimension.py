@@ -50,6 +50,8 @@ OTHERS = {
     "erg": "J/10000000",
     "dyn": "N/100000",
     "dyne": "N/100000",
+    "gf": "9.80665*N/1000",
+    "in": "inch",
     "kgf": "9.80665*N",
     "kp": "9.80665*N",
     "lb": "pound",
@@ -62,9 +64,7 @@ OTHERS = {
 KNOWN_EXAMPLES = "dimensions such as 'length' and 'torque', and units such as 'm', 'cm', 'inch', 'kg', 'N*m' and 'rpm'"
 """End of a sentence on a name that is not known."""
 
-REPLACEMENTS = {"in": "inch", "gf": "kgf/1000"}  # Spellings of units whose usual symbols cannot be read
-
-FUNCTIONS_TOO = ("min", "sec")  # Units whose names are also names of functions in expressions
+RESPELLED = ("min", "sec", "in")  # Units whose names are functions or reserved words in expressions
 
 SIGNS = {"^": "**", "µ": "u", "μ": "u", "·": "*", "⋅": "*", "²": "**2", "³": "**3", "\u2126": "ohm", "\u03a9": "ohm"}
 """Signs in texts of units, and their plain spelling."""
@@ -75,7 +75,7 @@ def plain_text(text: str) -> str:
     spelled = text.strip()
     for sign, plain in SIGNS.items():
         spelled = spelled.replace(sign, plain)
-    return re.sub(rf"\b({'|'.join(FUNCTIONS_TOO)})\b(?!\s*\()", lambda match: OTHERS[match.group(1)], spelled)
+    return re.sub(rf"\b({'|'.join(RESPELLED)})\b(?!\s*\()", lambda match: OTHERS[match.group(1)], spelled)
 
 
 def _prefixed() -> Iterator[tuple[str, str]]:
@@ -271,15 +271,9 @@ def _from_text(text: str, what: str) -> Any:
         return read_expression(spelled, {word: sympy.Symbol(word, positive=True) for word in known})
     except SceneError as error:
         words = [name] if name.isidentifier() else re.findall(r"[^\W\d]\w*", spelled)
-        if unknown := [
-            word
-            for word in words
-            if error.reason.startswith(f"{word!r} is not declared") or word == name or word in REPLACEMENTS
-        ]:
+        if unknown := [w for w in words if w == name or error.reason.startswith(f"{w!r} is not declared")]:
             which = "which" if unknown == words else f"and {unknown[0][:60]!r}"
             hint = suggestion(unknown[0], list(known)) or f" Known are {KNOWN_EXAMPLES}."
-            if unknown[0] in REPLACEMENTS:
-                hint = f" Write {REPLACEMENTS[unknown[0]]!r}."
             raise StatementError(
                 f"{what} is {spelled[:60]!r}, {which} is neither a dimension nor a unit.{hint}"
             ) from None

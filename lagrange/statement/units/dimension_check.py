@@ -38,13 +38,12 @@ from lagrange.statement.units.dimension import (
 from lagrange.statement.units.unit_equations import (
     SAME_DIMENSION,
     CheckedPart,
-    OtherUnitError,
     UnitEquations,
+    UnitFactor,
+    UnitProduct,
     in_short,
     inner_parts,
-    is_multiple_of_time,
     number_of,
-    without_own_numbers,
 )
 
 NO_UNIT = (
@@ -59,15 +58,15 @@ NUMBER_REMEDY = " A number has no unit: put a parameter in its place, such as d 
 
 
 class WrongTermError(Exception):
-    """Error: a `term` of an expression has another `dimension` than `expected`.
+    """Error: a `term` of an expression has another `unit` than `expected`.
 
     `context` says where the term is: "whole" if it is the expression itself, or in a "sum", a "power" or a
     "function". `within` is the function.
     """
 
-    def __init__(self, term: Any, dimension: Dimension, expected: Dimension, context: str, within: Any = None) -> None:
+    def __init__(self, term: Any, unit: UnitProduct, expected: UnitProduct, context: str, within: Any = None) -> None:
         super().__init__()
-        self.term, self.dimension, self.expected, self.context, self.within = term, dimension, expected, context, within
+        self.term, self.unit, self.expected, self.context, self.within = term, unit, expected, context, within
 
 
 def with_dimensions(statement: Statement, table: Mapping[Any, Any]) -> Statement:
@@ -161,10 +160,11 @@ def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) 
 def check_dimensions(
     parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], symbols: Mapping[Any, Any]
 ) -> dict[Any, Dimension]:
-    """Return the dimensions of all symbols, known or inferred. Raises StatementError for the first wrong term.
+    """Return the dimensions of all symbols, known or inferred, with the scale factors of their units if any is stated.
 
     `parts` are the expressions to check, and `dimensions` the stated dimensions. `symbols` maps functions of time to
-    symbols for messages.
+    symbols for messages. Raises StatementError for the first term with a wrong dimension, else for the first one in a
+    wrong unit, and for a symbol whose unit would not be a product of the stated base units.
     """
     known = {t: named("second"), **dimensions}
     _infer(parts, known)
@@ -172,12 +172,33 @@ def check_dimensions(
     # check below names the wrong term.
     roots = [symbol for symbol, dimension in known.items() if symbol not in dimensions and not dimension.whole]
     known |= dict.fromkeys(roots, DIMENSIONLESS)
+    equations = UnitEquations(known, parts)
+    if (found := _first_wrong(parts, equations, scales=False)) is not None:
+        raise StatementError(_wrong_dimension(*found, equations, symbols))
+    stated = [dimension for dimension in known.values() if dimension.unit]
+    if not stated:
+        return known
+    if (found := _first_wrong(parts, equations, scales=True)) is not None:
+        raise StatementError(_wrong_unit(*found, equations, symbols) + _remedy(parts, known, found[1].term))
+    completed = {symbol: _completed(equations, symbol, dimension) for symbol, dimension in known.items()}
+    _check_inferred(stated, completed)
+    return completed
+
+
+def _first_wrong(
+    parts: Sequence[CheckedPart], equations: UnitEquations, *, scales: bool
+) -> tuple[CheckedPart, WrongTermError] | None:
+    """Return the first part with a wrong term, and the error that names the term; None if there is no such part.
+
+    With `scales` the scale factors of units are compared too, not only dimensions.
+    """
+    checker = _Checker(equations, scales)
     for part in parts:
         try:
-            _Checker(known).check(part.expression, part.wanted(known))
+            checker.check(part.expression, equations.required(part))
         except WrongTermError as wrong:
-            raise StatementError(_refusal(part, wrong, symbols)) from None
-    return with_scales(parts, known, symbols) if any(dimension.unit for dimension in dimensions.values()) else known
+            return part, wrong
+    return None
 
 
 def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension | None:
@@ -187,19 +208,17 @@ def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension |
 
 def _infer(parts: Sequence[CheckedPart], known: dict[Any, Dimension]) -> None:
     """Add to `known` the dimensions of symbols that follow from sums, from functions and from required dimensions."""
-    equations = UnitEquations(known)
-    for part in parts:
-        equations.unit(part.expression)
-    for part in parts:
-        equations.require(part)
+    equations = UnitEquations(known, parts)
     for symbol in [node for node in equations.units if isinstance(node, (sympy.Symbol, AppliedUndef))]:
         dimension = None if symbol in known else equations.dimension(symbol)
         if dimension is not None:
             known[symbol] = Dimension(dimension.exponents, None if dimension.exponents else 0.0)
 
 
-def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any]) -> str:
-    """Return the error message for a wrong term of an expression. `plain` maps functions to symbols for messages."""
+def _wrong_dimension(
+    part: CheckedPart, wrong: WrongTermError, equations: UnitEquations, plain: Mapping[Any, Any]
+) -> str:
+    """Return the error message for a term with a wrong dimension. `plain` maps functions to symbols for messages."""
     term = in_short(wrong.term, plain)
     contexts = {"whole": "", "sum": "like the other terms ", "power": "under a power that is not a number "}
     where = contexts[wrong.context] if wrong.context in contexts else f"in {in_short(wrong.within, plain)} "
@@ -208,103 +227,126 @@ def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any])
     inside = (
         "" if outer is None or wrong.term.is_number or wrong.context == "function" else f", in {in_short(outer, plain)}"
     )
-    has = f"{part.what} has the term {term}{inside}, whose dimension is {wrong.dimension}"
+    dimension, expected = map(equations.dimension_of_unit, (wrong.unit, wrong.expected))
+    has = f"{part.what} has the term {term}{inside}, whose dimension is {dimension}"
     tables = any(map(table_range, (wrong.term, wrong.within)))
     remedy = NO_UNIT if tables else NUMBER_REMEDY if wrong.term.is_number else ""
-    return f"{has}; {where}it should be {wrong.expected}.{remedy}"
+    return f"{has}; {where}it should be {expected}.{remedy}"
 
 
-class _Checker(UnitEquations):
-    """Checks the dimension of every term.
+def _wrong_unit(part: CheckedPart, wrong: WrongTermError, equations: UnitEquations, plain: Mapping[Any, Any]) -> str:
+    """Return the error message for a term in a wrong unit, without the remedy at its end."""
+    term, unit = in_short(wrong.term, plain), "times that of the other terms"
+    if wrong.within is not None:
+        term = f"{term} in {in_short(wrong.within, plain)}"
+        unit = "rad" if isinstance(wrong.within, TrigonometricFunction) else "instead of a number"
+    ratio = equations.reduced(wrong.unit.times(wrong.expected, Fraction(-1)))
+    return f"{part.what} has the term {term}, whose unit is {_factor(ratio.logarithm)} {unit}: "
 
-    In its methods `expected` is the required dimension of an expression, or None if any is right.
+
+class _Checker:
+    """Checks the unit of every term: its dimension and, with `scales`, the scale factor.
+
+    In its methods `expected` is the required unit of an expression, or None if any is right. Units that are not
+    determined are right.
     """
 
-    def check(self, expression: Any, expected: Dimension | None) -> Dimension | None:
-        """Return the dimension of an expression. Raises WrongTermError for the first term with a wrong dimension."""
+    def __init__(self, equations: UnitEquations, scales: bool) -> None:
+        self.equations, self.scales, self.unit = equations, scales, equations.unit
+
+    def fits(self, unit: UnitProduct | None, other: UnitProduct | None) -> bool:
+        """Return True if quantities in two units may be added; None is the unit of zero, which fits every unit."""
+        if unit is None or other is None:
+            return True
+        ratio = self.equations.reduced(unit.times(other, Fraction(-1)))
+        if ratio.unknown(sympy.Basic) is not None:
+            return True
+        same_scale = ratio.unknown(UnitFactor) is not None or abs(ratio.logarithm) <= SAME_FACTOR
+        return ratio.unknown(str) is None and (same_scale or not self.scales)
+
+    def check(self, expression: Any, expected: UnitProduct | None) -> UnitProduct | None:
+        """Return the unit of an expression. Raises WrongTermError for the first term in a wrong unit."""
         if expression.is_Add or isinstance(expression, SAME_DIMENSION):
             return self._sum(expression, expected)
-        dimension = self._single(expression, expected)
-        if dimension is not None and expected is not None and not dimension.like(expected):
-            raise WrongTermError(expression, dimension, expected, "whole")
-        return dimension
+        unit = self._single(expression, expected)
+        if unit is not None and expected is not None and not self.fits(unit, expected):
+            raise WrongTermError(expression, unit, expected, "whole")
+        return unit
 
-    def _sum(self, expression: Any, expected: Dimension | None) -> Dimension | None:
-        """Return the dimension of a sum. Raises WrongTermError if terms differ, or if it is not the `expected` one.
+    def _sum(self, expression: Any, expected: UnitProduct | None) -> UnitProduct | None:
+        """Return the unit of a sum. Raises WrongTermError if terms differ, or if it is not the `expected` one.
 
-        All terms must have one dimension: `expected` if some term has it, else the most frequent one.
+        All terms must have one unit: `expected` if some term has it, else the most frequent one.
         """
-        dimensions = []
+        units = list[tuple[Any, UnitProduct]]()
         for term in expression.args:
-            # A term that is a sum itself has no required dimension.
+            # A term that is a sum itself has no required unit.
             is_sum = term.is_Add or isinstance(term, SAME_DIMENSION)
-            dimensions.append((term, self.check(term, None) if is_sum else self._single(term, expected)))
-        known = [(term, dimension) for term, dimension in dimensions if dimension is not None]
-        if not known:
+            unit = self.check(term, None) if is_sum else self._single(term, expected)
+            units += [] if unit is None else [(term, unit)]
+        groups = list[list[UnitProduct]]()
+        for _, unit in units:
+            group = next((group for group in groups if self.fits(unit, group[0])), None)
+            groups.append([unit]) if group is None else group.append(unit)
+        if not groups:
             return None
-        if expected is not None and any(dimension.like(expected) for _, dimension in known):
+        right = max(groups, key=len)[0]
+        if expected is not None and any(self.fits(group[0], expected) for group in groups):
             right = expected
-        else:
-            right = max(
-                (dimension for _, dimension in known),
-                key=lambda dimension: sum(dimension.like(other) for _, other in known),
-            )
-        for term, dimension in known:
-            if not dimension.like(right):
-                raise WrongTermError(term, dimension, right, "sum")
-        if expected is not None and not right.like(expected):
-            raise WrongTermError(known[0][0], right, expected, "whole")
+        for term, unit in units:
+            if not self.fits(unit, right):
+                raise WrongTermError(term, unit, right, "sum")
+        if expected is not None and not self.fits(right, expected):
+            raise WrongTermError(units[0][0], right, expected, "whole")
         return right
 
-    def _single(self, expression: Any, expected: Dimension | None) -> Dimension | None:
+    def _single(self, expression: Any, expected: UnitProduct | None) -> UnitProduct | None:
         if expression.is_Mul:
-            return self._checked_product(expression, expected)
-        if expression.is_Pow:
-            self._powered(expression.base, expression.exp, expected)
-            return self.dimension(expression)
-        for argument, dimension in inner_parts(expression, expected):
-            try:
-                self.check(argument, dimension)
-            except WrongTermError as wrong:
-                if wrong.context != "whole":
-                    raise
-                raise WrongTermError(wrong.term, wrong.dimension, wrong.expected, "function", expression) from None
-        return self.dimension(expression)
+            self._product(expression, expected)
+        elif expression.is_Pow:
+            self._power(expression.base, expression.exp, expected)
+        else:
+            for argument, required in inner_parts(expression, expected):
+                try:
+                    self.check(argument, required)
+                except WrongTermError as wrong:
+                    if wrong.context != "whole":
+                        raise
+                    raise WrongTermError(wrong.term, wrong.unit, wrong.expected, "function", expression) from None
+        return self.unit(expression)
 
-    def _checked_product(self, expression: Any, expected: Dimension | None) -> Dimension | None:
-        """Check the factors of a product, and return its dimension. Raises WrongTermError for a wrong factor.
+    def _product(self, expression: Any, expected: UnitProduct | None) -> None:
+        """Check the factors of a product. Raises WrongTermError for a wrong factor.
 
-        A factor that is a sum of terms with different dimensions should have `expected` divided by the other factors.
+        A factor that is a sum of terms in different units should have `expected` divided by the other factors.
         """
         for factor in expression.args:
-            others = self.dimension(sympy.Mul(*(other for other in expression.args if other is not factor)))
-            left = None if expected is None or others is None else expected * others ** Fraction(-1)
+            others = self.unit(sympy.Mul(*(other for other in expression.args if other is not factor)))
+            left = None if expected is None or others is None else expected.times(others, Fraction(-1))
             if factor.is_Pow:
-                self._powered(factor.base, factor.exp, left)
+                self._power(factor.base, factor.exp, left)
             else:
                 self.check(factor, left if self._differs(factor) else None)
-        return self.dimension(expression)
 
-    def _powered(self, base: Any, exponent: Any, expected: Dimension | None) -> None:
+    def _power(self, base: Any, exponent: Any, expected: UnitProduct | None) -> None:
         """Check the base and the exponent of a power. Raises WrongTermError for a wrong term.
 
-        A base that is a sum of terms with different dimensions should have the root of `expected`. An exponent that
-        is not a number must be dimensionless, and so must its base.
+        A base that is a sum of terms in different units should have the root of `expected`. An exponent that is not
+        a number must be dimensionless, and so must its base.
         """
         power = number_of(exponent)
         if power is None:
-            self.check(exponent, DIMENSIONLESS)
-            dimension = self.dimension(base)
-            if dimension is not None and dimension.exponents:
-                raise WrongTermError(base, dimension, DIMENSIONLESS, "power")
-        self.check(base, expected ** (1 / power) if power and expected is not None and self._differs(base) else None)
+            self.check(exponent, UnitProduct())
+            unit = self.unit(base)
+            if unit is not None and not self.fits(unit, UnitProduct()):
+                raise WrongTermError(base, unit, UnitProduct(), "power")
+        root = UnitProduct().times(expected, 1 / power) if power and expected is not None else None
+        self.check(base, root if self._differs(base) else None)
 
     def _differs(self, expression: Any) -> bool:
-        """Return True if an expression is a sum of terms with different dimensions."""
-        if not expression.is_Add:
-            return False
-        known = [dimension for dimension in map(self.dimension, expression.args) if dimension is not None]
-        return any(not dimension.like(known[0]) for dimension in known)
+        """Return True if an expression is a sum of terms in different units."""
+        units = list(map(self.unit, expression.args)) if expression.is_Add else []
+        return any(not self.fits(unit, units[0]) for unit in units)
 
 
 def check_event_dimensions(number: int, zero: Any, resets: Sequence[tuple[Any, Any]], statement: Statement) -> None:
@@ -329,10 +371,12 @@ def _check(index: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement
 
 
 def _without_own_numbers(value: Any, like: Any, known: Mapping[Any, Dimension]) -> Any:
-    """Return an expression without its parts that contain only numbers and t, since their units are not stated.
+    """Return an expression without parts that contain only numbers and t: the units of such numbers are not stated.
 
-    The expression `value` should have the dimension of `like`, or any if None. If `like` is a time and the value
-    contains only t, the multiples of t stay.
+    Such terms are left out, and such factors are replaced by 1: `a*sin(2*t) + 0.1` becomes a, an event `x - 3` is x.
+    Some such terms stay, because they need no unit: multiples of t beside terms that are times, as in `t - a`, or alone
+    if the expression should have the dimension of `like` and this is a time; and numbers beside ratios of quantities,
+    as in `x/a - 1`.
     """
     all_known = {t: named("second"), **known}
 
@@ -345,10 +389,23 @@ def _without_own_numbers(value: Any, like: Any, known: Mapping[Any, Dimension]) 
         measured = [all_known[symbol] for symbol in term.atoms(sympy.Symbol, AppliedUndef) if symbol in all_known]
         return dimension is not None and not dimension.exponents and any(entry.exponents for entry in measured)
 
-    multiples = [term for term in sympy.Add.make_args(value) if is_multiple_of_time(term)]
+    def is_own(node: Any) -> bool:
+        return node.free_symbols <= {t} and not node.has(AppliedUndef)
+
+    def without(node: Any) -> Any:
+        left = [term for term in node.args if not is_own(term)] if node.is_Add else []
+        if any(map(is_time, left)):
+            left += [term for term in node.args if (term / t).is_number]
+        elif any(map(is_ratio, left)):
+            left += [term for term in node.args if term.is_number]
+        return sympy.Add(*left) if left else sympy.S.One
+
+    multiples = [term for term in sympy.Add.make_args(value) if (term / t).is_number]
     if multiples and like is not None and is_time(like) and value.free_symbols == {t}:
         return sympy.Add(*multiples)
-    return without_own_numbers(value, is_time, is_ratio)
+    functions = (sympy.Function, sympy.Piecewise)
+    replaced = value.replace(lambda node: node.is_Add or (isinstance(node, functions) and is_own(node)), without)
+    return sympy.S.Zero if is_own(value) else replaced
 
 
 COHERENT = {"mass": "kg", "length": "m", "time": "s"}  # Base units of N, J, W and other units of the SI
@@ -363,33 +420,6 @@ FIT = "state all symbols in units that fit together, such as kg, m and s, and an
 
 MOST_TRIED = 12  # Most symbols of which another unit is tried as a remedy. Each takes the time of one check.
 MOST_REMEDIES, MOST_NAMED = 2, 4  # Most remedies, and most stated units, that a message lists
-
-
-def with_scales(
-    parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], plain: Mapping[Any, Any]
-) -> dict[Any, Dimension]:
-    """Return the dimensions of symbols with the scale factors of their units, which follow from the stated units.
-
-    `parts` are the expressions of the statement. `plain` maps functions to symbols for messages. Raises
-    StatementError for a term in another unit than required, and for a symbol whose unit would not be a product of the
-    stated base units.
-    """
-    equations = UnitEquations(dimensions, strict=True)
-    for part in parts:
-        try:
-            equations.require(part)
-        except OtherUnitError as wrong:
-            term, unit = in_short(wrong.term, plain), "times that of the other terms"
-            if wrong.within is not None:
-                term = f"{term} in {in_short(wrong.within, plain)}"
-                unit = "rad" if isinstance(wrong.within, TrigonometricFunction) else "instead of a number"
-            raise StatementError(
-                f"{part.what} has the term {term}, whose unit is {_factor(wrong.ratio)} {unit}: "
-                f"{_remedy(parts, dimensions, wrong.term)}"
-            ) from None
-    completed = {symbol: _completed(equations, symbol, dimension) for symbol, dimension in dimensions.items()}
-    _check_inferred([dimension for dimension in dimensions.values() if dimension.unit], completed)
-    return completed
 
 
 def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], wrong_term: Any) -> str:
@@ -414,11 +444,8 @@ def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], w
 def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], symbol: Any) -> str:
     """Return the unit of a symbol that fits the units of all other symbols, or "" if there is none."""
     others = {**dimensions, symbol: Dimension(dimensions[symbol].exponents)}
-    equations = UnitEquations(others, strict=True)
-    try:
-        for part in parts:
-            equations.require(part)
-    except OtherUnitError:
+    equations = UnitEquations(others, parts)
+    if _first_wrong(parts, equations, scales=True) is not None:
         return ""
     factor = _completed(equations, symbol, others[symbol]).factor
     exponents = dimensions[symbol].exponents

@@ -6,7 +6,7 @@ Each equation is solved for one unknown when it is stated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.statement.coordinate import name_of, t
+from lagrange.statement.coordinate import name_of
 from lagrange.statement.expression import is_shorthand
 from lagrange.statement.given.motion import table_range
-from lagrange.statement.units.dimension import DIMENSIONLESS, SAME_FACTOR, Dimension, named
+from lagrange.statement.units.dimension import Dimension, named
 
 SAME_DIMENSION = (sympy.Abs, sympy.Min, sympy.Max)
 """Functions whose value has the dimension of their arguments."""
@@ -36,13 +36,6 @@ class CheckedPart:
     like: Any
     per: Any = None
 
-    def wanted(self, known: Mapping[Any, Dimension]) -> Dimension | None:
-        """Return the required dimension of the expression; None if any is right, or if it is not known yet."""
-        whole = named(self.like) if isinstance(self.like, str) else known.get(self.like)
-        if whole is None or self.per is None:
-            return whole
-        return whole * known[self.per] ** Fraction(-1) if self.per in known else None
-
 
 def in_short(term: Any, plain: Mapping[Any, Any]) -> str:
     """Return a term as text for messages, in plain symbols, with tables by name, cut to 80 characters."""
@@ -60,17 +53,17 @@ def number_of(exponent: Any) -> Fraction | None:
     return Fraction(float(exponent)).limit_denominator(1000) if exponent.is_Float else None
 
 
-def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[Any, Dimension | None]]:
-    """Yield (argument of a function or branch of a Piecewise, its required dimension or None if any is right).
+def inner_parts(expression: Any, required: UnitProduct | None) -> Iterator[tuple[Any, UnitProduct | None]]:
+    """Yield (argument of a function or branch of a Piecewise, its required unit or None if any is right).
 
-    `dimension` is the required dimension of the whole expression. The argument of a table is dimensionless.
-    Quantities that are compared, such as both sides of a condition, are yielded as their difference.
+    `required` is the required unit of the whole expression. The argument of a table is a number. Quantities that are
+    compared, such as both sides of a condition, are yielded as their difference.
     """
     if (table := table_range(expression)) is not None:
-        yield table[0], DIMENSIONLESS
+        yield table[0], UnitProduct()
     elif isinstance(expression, sympy.Piecewise):
         for pair in expression.args:
-            yield pair.expr, dimension
+            yield pair.expr, required
             for condition in pair.cond.atoms(sympy.core.relational.Relational):
                 yield condition.lhs - condition.rhs, None
     elif isinstance(expression, sympy.atan2):
@@ -80,43 +73,7 @@ def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[
         yield expression.args[0], None
     elif not isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Derivative, sympy.Subs)):
         for argument in expression.args:
-            yield argument, DIMENSIONLESS
-
-
-def without_own_numbers(expression: Any, is_time: Callable[[Any], bool], is_ratio: Callable[[Any], bool]) -> Any:
-    """Return an expression without parts that contain only numbers and t: the units of such numbers are not stated.
-
-    Such terms are left out, and such factors are replaced by 1: `a*sin(2*t) + 0.1` becomes a, an event `x - 3` is x.
-    Two kinds of such terms stay, because they need no unit: multiples of t beside terms that are times, as in `t - a`,
-    and numbers beside ratios of quantities, as in `x/a - 1`. `is_time` and `is_ratio` return True for the terms beside
-    them.
-    """
-
-    def without(node: Any) -> Any:
-        if not node.is_Add:
-            return sympy.S.One
-        left = [term for term in node.args if not _own(term)]
-        if any(map(is_time, left)):
-            left += [term for term in node.args if is_multiple_of_time(term)]
-        elif any(map(is_ratio, left)):
-            left += [term for term in node.args if term.is_number]
-        return sympy.Add(*left) if left else sympy.S.One
-
-    return sympy.S.Zero if _own(expression) else expression.replace(_replaced, without)
-
-
-def is_multiple_of_time(term: Any) -> bool:
-    """Return True for a number times t."""
-    return bool((term / t).is_number)
-
-
-def _own(node: Any) -> bool:
-    """Return True if a SymPy expression contains only numbers and t."""
-    return node.free_symbols <= {t} and not node.has(AppliedUndef)
-
-
-def _replaced(node: Any) -> bool:
-    return node.is_Add or (isinstance(node, (sympy.Function, sympy.Piecewise)) and _own(node))
+            yield argument, UnitProduct()
 
 
 class UnitFactor(NamedTuple):
@@ -160,44 +117,24 @@ class UnitProduct:
         return next((name for name in self.powers if isinstance(name, kind)), None)
 
 
-class OtherUnitError(Exception):
-    """Error: a term has another unit than required. `ratio` is the logarithm of the factor between both units.
-
-    `within` is the function of whose argument the term is, or None.
-    """
-
-    def __init__(self, term: Any, ratio: float, within: Any) -> None:
-        super().__init__()
-        self.term, self.ratio, self.within = term, ratio, within
-
-
 class UnitEquations:
     """Equations between units of expressions, and the values of the unknowns that they determine.
 
-    `dimensions` are the known dimensions by symbol. If `strict`, a term in another unit raises OtherUnitError. Else
-    contradictions are ignored: the first equation decides.
+    `dimensions` are the known dimensions by symbol. Contradictions are ignored here: the first equation decides.
     """
 
-    def __init__(self, dimensions: Mapping[Any, Dimension], *, strict: bool = False) -> None:
-        self.dimensions, self.strict = dimensions, strict
+    def __init__(self, dimensions: Mapping[Any, Dimension], parts: Sequence[CheckedPart] = ()) -> None:
+        self.dimensions = dimensions
         self.solved: dict[Any, UnitProduct] = {}
         self.units: dict[Any, UnitProduct | None] = {}
+        for part in parts:
+            self.unit(part.expression)
+        for part in parts:
+            unit, required = self.unit(part.expression), self.required(part)
+            if unit is not None and required is not None:
+                self._equate(unit, required)
 
-    def require(self, part: CheckedPart) -> None:
-        """Add the equation that the expression of `part` has its required unit."""
-        required = self._required(part)
-        try:
-            unit = self.unit(part.expression)
-        except OtherUnitError as wrong:
-            # In a reset such as u = u + t, the term u and the required unit count once: both are the unit of u.
-            own_reset = part.like in part.expression.args
-            if own_reset or not part.expression.is_Add or wrong.term not in part.expression.args:
-                raise
-            raise self._odd_term(wrong, part.expression.args, required) from None
-        if unit is not None and required is not None:
-            self._equate(sympy.Add.make_args(part.expression)[0], unit, required)
-
-    def _required(self, part: CheckedPart) -> UnitProduct | None:
+    def required(self, part: CheckedPart) -> UnitProduct | None:
         """Return the unit that the expression of `part` must have; None if any is right."""
         if part.like is None:
             return None
@@ -208,8 +145,12 @@ class UnitEquations:
     def dimension(self, expression: Any) -> Dimension | None:
         """Return the dimension of an expression; None if it is undetermined, or if the expression is zero."""
         unit = self.unit(expression)
-        unit = None if unit is None else self._reduced(unit)
-        if unit is None or unit.unknown(sympy.Basic) is not None:
+        return None if unit is None else self.dimension_of_unit(unit)
+
+    def dimension_of_unit(self, unit: UnitProduct) -> Dimension | None:
+        """Return the dimension of a unit; None if it is undetermined."""
+        unit = self.reduced(unit)
+        if unit.unknown(sympy.Basic) is not None:
             return None
         exponents = {name: power for name, power in unit.powers.items() if isinstance(name, str)}
         return Dimension.of(exponents, None if unit.unknown(UnitFactor) is not None else unit.logarithm)
@@ -258,73 +199,42 @@ class UnitEquations:
     def _common(self, terms: Sequence[Any]) -> UnitProduct | None:
         """Add the equations that all terms have the same unit, and return this unit; None if all terms are zero."""
         first = None
-        for term in terms:
-            unit = self.unit(term)
+        for unit in map(self.unit, terms):
             if first is not None and unit is not None:
-                try:
-                    self._equate(term, unit, first)
-                except OtherUnitError as wrong:
-                    raise self._odd_term(wrong, terms, None) from None
+                self._equate(unit, first)
             first = unit if first is None else first
         return first
 
-    def _odd_term(self, wrong: OtherUnitError, terms: Sequence[Any], required: UnitProduct | None) -> OtherUnitError:
-        """Return the error for the one term of a sum whose unit differs from that of all others.
-
-        `required` is the unit that the sum must have, if known. If there is no such term, the error is `wrong`, which
-        names the first term whose unit differs from that of the first one. Terms of unknown unit do not count.
-        """
-        try:
-            units = [(term, self.unit(term)) for term in terms]
-        except OtherUnitError:  # a later term is wrong in itself
-            return wrong
-        known = [(term, self._reduced(unit)) for term, unit in (*units, (None, required)) if unit is not None]
-        logarithms = [
-            (term, unit.logarithm) for term, unit in known if all(isinstance(name, str) for name in unit.powers)
-        ]
-        for term, logarithm in logarithms:
-            others = [other for another, other in logarithms if another is not term]
-            agree = len(others) > 1 and max(others) - min(others) <= SAME_FACTOR
-            if term is not None and agree and abs(logarithm - others[0]) > SAME_FACTOR:
-                return OtherUnitError(term, logarithm - others[0], None)
-        return wrong
-
     def _function(self, expression: Any) -> UnitProduct | None:
         """Return the unit of a function or a Piecewise."""
-        for argument, dimension in inner_parts(expression, None):
-            if dimension is None:
+        for argument, required in inner_parts(expression, None):
+            if required is None:
                 self.unit(argument)
             else:
-                self._number(argument, expression)
+                self._number(argument)
         if isinstance(expression, sympy.Piecewise) and table_range(expression) is None:
             return self._common([pair.expr for pair in expression.args])
         return UnitProduct()
 
-    def _number(self, expression: Any, within: Any = None) -> None:
-        """Add the equation that an expression, such as the argument of the function `within`, is dimensionless."""
+    def _number(self, expression: Any) -> None:
+        """Add the equation that an expression, such as the argument of a function, is dimensionless."""
         unit = self.unit(expression)
         if unit is not None:
-            self._equate(sympy.Add.make_args(expression)[0], unit, UnitProduct(), within)
+            self._equate(unit, UnitProduct())
 
-    def _reduced(self, unit: UnitProduct) -> UnitProduct:
+    def reduced(self, unit: UnitProduct) -> UnitProduct:
         """Return a unit in which each unknown with a determined value is replaced by this value."""
         while (known := next((name for name in unit.powers if name in self.solved), None)) is not None:
             power = unit.powers[known]
             unit = unit.times(UnitProduct({known: power}), Fraction(-1)).times(self.solved[known], power)
         return unit
 
-    def _equate(self, term: Any, unit: UnitProduct, other: UnitProduct, within: Any = None) -> None:
-        """Add the equation that two units are equal, and solve it for one of its unknowns.
-
-        Without unknowns, units that differ raise OtherUnitError if the check is strict. The error names `term`, and the
-        function `within` that has it in its argument.
-        """
-        ratio = self._reduced(unit.times(other, Fraction(-1)))
+    def _equate(self, unit: UnitProduct, other: UnitProduct) -> None:
+        """Add the equation that two units are equal, and solve it for one of its unknowns."""
+        ratio = self.reduced(unit.times(other, Fraction(-1)))
         unknown = ratio.unknown(sympy.Basic)
         if unknown is None and ratio.unknown(str) is None:
             unknown = ratio.unknown(UnitFactor)
-            if unknown is None and self.strict and abs(ratio.logarithm) > SAME_FACTOR:
-                raise OtherUnitError(term, ratio.logarithm, within)
         if unknown is not None:
             power = ratio.powers[unknown]
             rest = ratio.times(UnitProduct({unknown: power}), Fraction(-1))
