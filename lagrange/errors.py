@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any
 
@@ -30,6 +31,19 @@ class LagrangeError(Exception):
 
 class StatementError(LagrangeError, ValueError):
     """An invalid statement or request: the message says what to change."""
+
+    place: tuple[str | int, ...] = ()
+    """Path of the wrong argument in a scene file, such as ("positions", "bob"); empty if it is not known."""
+
+
+@contextmanager
+def located(*path: str | int) -> Iterator[None]:
+    """Context in which the place of a StatementError is put under the argument, or the entry of one, at `path`."""
+    try:
+        yield
+    except StatementError as error:
+        error.place = (*path, *error.place)
+        raise
 
 
 class UnknownKey(StatementError, KeyError, IndexError):

@@ -10,7 +10,7 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.errors import StatementError, formula, listing, shown
+from lagrange.errors import StatementError, formula, listing, located, shown
 from lagrange.statement.coordinate import check_name, multiplier, t, velocity_of
 from lagrange.statement.expression import expression, one_of, vector
 from lagrange.statement.parameters import Survey, table_of
@@ -172,23 +172,21 @@ def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints:
     """
     contacts, taken = [], [constraint.name for constraint in constraints]
     for key, stated in table_of(table, "contacts", "name to lg.contact(...)").items():
-        check_name(key, "contact")
-        if not isinstance(stated, Contact):
-            raise StatementError(f"the contact {key!r} is {shown(stated)}: give lg.contact(gap, ...).")
-        each = replace(stated, name=key)
-        contacts.append(each)
-        _check(each, survey)
-        for name in (each.name, *each.slip_names):
-            if name in taken:
-                raise StatementError(f"the contact {each.name!r} has the name of a constraint: choose another name.")
-            taken.append(name)
-    law = "" if simultaneous is None else str(simultaneous)
-    return {"contacts": tuple(contacts), "simultaneous": law and check_law(law)}
-
-
-def check_law(simultaneous: Any) -> str:
-    """Return the law for simultaneous impacts. Raises StatementError unless it is in `LAWS`."""
-    return one_of(simultaneous, LAWS, "simultaneous is {given}: give one of {known}.")
+        with located("contacts", key):
+            check_name(key, "contact")
+            if not isinstance(stated, Contact):
+                raise StatementError(f"the contact {key!r} is {shown(stated)}: give lg.contact(gap, ...).")
+            each = replace(stated, name=key)
+            contacts.append(each)
+            _check(each, survey)
+            for name in (each.name, *each.slip_names):
+                if name in taken:
+                    raise StatementError(f"the contact {key!r} has the name of a constraint: choose another name.")
+                taken.append(name)
+    law = simultaneous or ""
+    with located("simultaneous"):
+        one_of(law, ("", *LAWS), "simultaneous is {given}: give one of {known}.") if law else None
+    return {"contacts": tuple(contacts), "simultaneous": law}
 
 
 def _check(stated: Contact, survey: Survey) -> None:

@@ -14,7 +14,7 @@ from sympy.core.function import AppliedUndef
 from sympy.core.relational import Relational
 from sympy.logic.boolalg import BooleanAtom
 
-from lagrange.errors import StatementError, formula, listing, shown, suggestion
+from lagrange.errors import StatementError, formula, listing, located, shown, suggestion
 from lagrange.statement.contact import along, declare_contacts, friction_names
 from lagrange.statement.coordinate import (
     COORDINATES,
@@ -107,14 +107,20 @@ def declare(
     """
     survey, alone = Survey(), lagrangian is not None
     typed, energies = _energies(kinetic, potential, lagrangian, survey)
-    checked = _declare_constraints(zeros := _typed_zeros(constraints), survey)
-    chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
+    with located("constraints"):
+        checked = _declare_constraints(zeros := _typed_zeros(constraints), survey)
+    with located("coordinates"):
+        chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
     by_name = dict(zip(map(name_of, chosen), chosen, strict=True))
-    force_table, drag = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
+    with located("forces"):
+        force_table = _forces(forces, by_name, survey)
+    with located("dissipation"):
+        drag = _dissipation(dissipation, by_name, survey)
     fields = _drawn(positions, links, surfaces, survey) | declare_contacts(contacts, simultaneous, survey, checked)
     _check_constraints(checked, chosen, redundant)
     _check_declared(survey, chosen)
-    known, unify = _parameters(parameters, survey, by_name, friction_names(fields["contacts"]))
+    with located("parameters"):
+        known, unify = _parameters(parameters, survey, by_name, friction_names(fields["contacts"]))
     statement = Statement(
         coordinates=chosen,
         **dict(zip(("kinetic", "potential", "lagrangian"), energies, strict=True)),
@@ -135,7 +141,8 @@ def declare(
         _check_velocities(statement, alone=alone)
     statement = _with_rotations(statement, typed, forces, dissipation, zeros)
     statement = statement.mapped(lambda stated: stated.xreplace(unify)) if unify else statement
-    return statement if dimensions is None else with_dimensions(statement, dimensions)
+    with located("dimensions"):
+        return statement if dimensions is None else with_dimensions(statement, dimensions)
 
 
 def _with_rotations(
@@ -255,7 +262,8 @@ def _energies(
     stated by L alone has T = L and V = 0.
     """
     if lagrangian is not None and (kinetic is not None or potential is not None):
-        raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
+        with located("lagrangian"):
+            raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
     if lagrangian is None and kinetic is None:
         raise StatementError(
             "no kinetic energy: give kinetic= and potential=, or lagrangian=. States of first order have kinetic=0."
@@ -266,7 +274,8 @@ def _energies(
     typed = {name: as_typed(energy, ENERGIES[name]) for name, energy in stated.items()}
     full = {name: in_full(energy) for name, energy in typed.items()}
     for name, energy in full.items():
-        survey.add(energy, ENERGIES[name])
+        with located(name):
+            survey.add(energy, ENERGIES[name])
     main = full["kinetic" if lagrangian is None else "lagrangian"]
     minus = full.get("potential", sympy.S.Zero)
     return typed, (main, minus, main - minus)
@@ -358,17 +367,11 @@ def _check_velocities(statement: Statement, *, alone: bool) -> None:
     )
 
 
-def check_redundant(redundant: Any) -> str:
-    """Return `redundant`, the option that refuses or allows constraints which follow from others.
-
-    Raises StatementError unless it is in `REDUNDANT`.
-    """
-    return one_of(redundant, REDUNDANT, "redundant is {given}: give one of {known}.")
-
-
 def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any, ...], redundant: str) -> None:
     """Raise StatementError for more constraints than coordinates, unless redundant ones are allowed."""
-    if check_redundant(redundant) == REFUSE and len(constraints) > len(coordinates):
+    with located("redundant"):
+        one_of(redundant, REDUNDANT, "redundant is {given}: give one of {known}.")
+    if redundant == REFUSE and len(constraints) > len(coordinates):
         names = listing(name_of(q) for q in coordinates)
         many = "coordinates" if len(coordinates) > 1 else "coordinate"
         raise StatementError(
@@ -404,8 +407,9 @@ def _forces(forces: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: S
             )
         if by_name[label] in table:
             raise StatementError(f"forces names {label!r} twice: give the sum of the forces on it.")
-        table[by_name[label]] = expression(value, f"the force on {label}")
-        survey.add(table[by_name[label]], f"the force on {label}", multipliers=True)
+        with located(label):
+            table[by_name[label]] = expression(value, f"the force on {label}")
+            survey.add(table[by_name[label]], f"the force on {label}", multipliers=True)
     return table
 
 
@@ -428,10 +432,14 @@ def _drawn(positions: Any, links: Iterable[Sequence[str]], surfaces: Any, survey
 
     The symbols of their expressions are added to `survey`.
     """
-    points, edges = _positions(positions, survey)
-    lines = _surfaces(surfaces, points, survey)
+    with located("positions"):
+        points, edges = _positions(positions, survey)
+    with located("surfaces"):
+        lines = _surfaces(surfaces, points, survey)
+    with located("links"):
+        checked = _links(links, points)
     views = {"positions": MappingProxyType(points), "surfaces": MappingProxyType(lines)}
-    return {"links": (*edges, *_links(links, points)), **views}
+    return {"links": (*edges, *checked), **views}
 
 
 def _positions(
@@ -448,25 +456,21 @@ def _positions(
         else:
             table[label] = point
     for label, point in table.items():
-        what = f"the position of {check_point(label)}"
-        if not _has_length(point, 2, 3):
-            raise StatementError(f"{what} is {shown(point)}: give two or three expressions, (x, y) or (x, y, z).")
-        points[label] = tuple(expression(entry, what) for entry in point)
-        for entry in points[label]:
-            survey.add(entry, what)
+        with located(label):
+            if label == ORIGIN:
+                raise StatementError("'origin' is the point at zero already: choose another name.")
+            what = f"the position of {check_name(label, 'point')}"
+            if not _has_length(point, 2, 3):
+                raise StatementError(f"{what} is {shown(point)}: give two or three expressions, (x, y) or (x, y, z).")
+            points[label] = tuple(expression(entry, what) for entry in point)
+            for entry in points[label]:
+                survey.add(entry, what)
     if len({len(point) for point in points.values()}) > 1:
         raise StatementError(
             "positions mixes points in the plane with points in space: give every point two entries, or every point "
             "three."
         )
     return points, tuple(edges)
-
-
-def check_point(name: Any) -> str:
-    """Return the name of a point. Raises StatementError for a malformed name, and for "origin", which is taken."""
-    if name == ORIGIN:
-        raise StatementError("'origin' is the point at zero already: choose another name.")
-    return check_name(name, "point")
 
 
 def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: Survey) -> dict[str, tuple[Any, ...]]:
@@ -505,30 +509,22 @@ def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: S
 
 def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link, ...]:
     """Return the links between named points. Raises StatementError for anything else."""
-    known = [ORIGIN, *points]
-    pairs = entries(links, "links")
+    end = [ORIGIN, *points], "links names {given}, which is not a position; they are {known}."
+    kind = KINDS, "links has the kind {given}; the kinds are {known}."
+    pairs = None if isinstance(links, TEXTS) else entries(links, "links")
     if pairs is None:
-        raise StatementError(f"links is {shown(links)}: give a list of pairs of point names.")
-    checked = []
-    for link in pairs:
-        if not _has_length(link, 2, 3):
-            raise StatementError(
-                f"links contains {shown(link)}: give pairs of point names, such as ('origin', 'bob'), or "
-                "('origin', 'bob', 'spring')."
-            )
-        checked.append(Link(*(link_part(index, part, known) for index, part in enumerate(link))))
-    return tuple(checked)
-
-
-def link_part(index: int, part: Any, points: Iterable[str]) -> str:
-    """Return `part`, the entry `index` of a link, after its check.
-
-    Entries 0 and 1 are names of `points`, and entry 2 is the kind of the link, such as "spring". Raises
-    StatementError for anything else.
-    """
-    if index < 2:
-        return one_of(part, points, "links names {given}, which is not a position; they are {known}.")
-    return one_of(part, KINDS, "links has the kind {given}; the kinds are {known}.")
+        raise StatementError(f"links is {shown(links)}: give a list of pairs of point names, [('origin', 'bob')].")
+    for i, link in enumerate(pairs):
+        with located(i):
+            if not _has_length(link, 2, 3):
+                raise StatementError(
+                    f"links contains {shown(link)}: give pairs of point names, such as ('origin', 'bob'), or "
+                    "('origin', 'bob', 'spring')."
+                )
+            for k, (part, (known, refusal)) in enumerate(zip(link, (end, end, kind), strict=False)):
+                with located(k):
+                    one_of(part, known, refusal)
+    return tuple(Link(*link) for link in pairs)
 
 
 def _has_length(value: Any, *lengths: int) -> bool:
@@ -546,10 +542,11 @@ def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Cons
     constraints = []
     for name, typed in zeros.items():
         what, zero, leaves = f"constraint {name!r}", in_full(typed), Survey()
-        leaves.add(zero, what)
-        survey.add(zero, what)
-        if not leaves.coordinates:
-            raise StatementError(_no_coordinates(what, zero))
+        with located(name):
+            leaves.add(zero, what)
+            survey.add(zero, what)
+            if not leaves.coordinates:
+                raise StatementError(_no_coordinates(what, zero))
         constraints.append(Constraint(name, zero, not leaves.velocities))
     return tuple(constraints)
 
@@ -557,7 +554,10 @@ def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Cons
 def _typed_zeros(constraints: Any) -> dict[str, Any]:
     """Return {name: expression that is zero}; constraints in a list are named constraint_1, constraint_2, ..."""
     if isinstance(constraints, Mapping):
-        named = {check_name(name, "constraint"): stated for name, stated in constraints.items()}
+        named = dict(constraints)
+        for name in named:
+            with located(name):
+                check_name(name, "constraint")
     else:
         listed = entries(constraints, "constraints")
         if listed is None:

@@ -117,7 +117,7 @@ REFUSED_SCENES: dict[str, tuple[str, str, str]] = {
         "the rotation of a shape must be one of this scene: R",
     ),
     "two sizes": ("size = 2", "size = [1, 2]", "give three values, or one for all"),
-    "in the plane": ("[positions]", '[positions]\\ntip = ["x", "y"]', "some positions have two entries and some three"),
+    "in the plane": ("[positions]", '[positions]\\ntip = ["x", "y"]', "positions mixes points in the plane with points in space"),
 }
 
 

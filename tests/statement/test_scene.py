@@ -98,7 +98,7 @@ FIELDS: list[Bad] = [
     ({"about": "\x1b[2J"}, 11, 9, "about contains a control character: write plain text."),
     ({"about": True}, 11, 9, "about is true or false: give a text in quotation marks."),
     ({"constraints": "theta"}, 11, 15, "constraints is a text: write a table [constraints] of names and values."),
-    ({"constraints": {"0": "theta"}}, 11, 16, "'0' cannot name a constraint"),
+    ({"constraints": {"0": "theta"}}, 11, 22, "'0' cannot name a constraint"),
     ({"constraints": ["theta >= 1"]}, 11, 16, "constraints[0] is an inequality. Constraints are equations"),
     ({"constraints": ["theta = 1"]}, 11, 23, "for an equation or a comparison write =="),
     ({"constraints": ["theta - q"]}, 11, 25, "constraints[0]: 'q' is not declared"),
@@ -114,9 +114,15 @@ FIELDS: list[Bad] = [
     ({"kinetic": ["m"]}, 3, 11, 'kinetic is a list: give an expression as a text, such as "2*x".'),
     ({"kinetic": "m*l**2"}, 3, 11, "kinetic does not contain theta_dot, so theta has no inertia and its"),
     ({"kinetic": "m*l**2"}, 3, 11, "add its kinetic energy, or make theta a parameter."),
-    ({"kinetic": DROP}, 1, 1, 'there is no energy: write kinetic = "..." and potential = "...", or lagrangian = "..."'),
-    ({"lagrangian": "1"}, 3, 1, "give either lagrangian, or kinetic and potential, not lagrangian and kinetic."),
-    ({"lagrangian": "1", "kinetic": DROP}, 3, 1, "not lagrangian and potential."),
+    ({"kinetic": DROP}, 1, 1, "no kinetic energy: give kinetic= and potential=, or lagrangian=."),
+    ({"lagrangian": "1"}, 11, 14, "give either lagrangian=, or kinetic= and potential=, not both."),
+    ({"lagrangian": "1", "kinetic": DROP}, 10, 14, "give either lagrangian=, or kinetic= and potential=, not both."),
+    ({"dissipation": "m"}, 11, 15, "the dissipation is m, without a velocity"),
+    ({"constraints": ["m - 1"]}, 11, 15, "constraint 'constraint_1' contains no coordinate and no velocity (m - 1 = 0)"),
+    ({"constraints": {"rod": "m - 1"}}, 11, 24, "constraint 'rod' contains no coordinate and no velocity"),
+    ({"redundant": "drop"}, 11, 13, "redundant is 'drop': give one of refuse and allow."),
+    ({"simultaneous": "both"}, 11, 16, "simultaneous is 'both': give one of"),
+    ({"dimensions": {"m": "kgg"}}, 11, 14, "the dimension of m is 'kgg', which is neither a dimension nor a unit."),
     ({"lagrangian": "m", "kinetic": DROP, "potential": DROP}, 9, 14, "lagrangian does not contain theta_dot"),
     ({"potential": "-m*g*l*cos(phi)"}, 4, 25, "potential: 'phi' is not declared"),
     ({"potential": True}, 4, 13, "potential is true or false: give an expression as a text"),
@@ -137,12 +143,12 @@ FIELDS: list[Bad] = [
     ({"initial": {"theta": "2*m"}}, 7, 25, "initial.theta: 'm' is not allowed in a constant"),
     ({"initial": {"theta": [1]}}, 7, 22, "initial.theta is a list: give a number, or a constant expression such as"),
     # positions and links
-    ({"positions": {"origin": ["0", "0"]}}, 8, 14, "'origin' is the point at zero already: choose another name."),
-    ({"positions": {"bob": "x"}}, 8, 22, "the position of bob must be a list of two or three expressions, such as"),
+    ({"positions": {"origin": ["0", "0"]}}, 8, 25, "'origin' is the point at zero already: choose another name."),
+    ({"positions": {"bob": "x"}}, 8, 22, "positions.bob is a text: give a list of expressions, such as"),
     ({"positions": {"bob": ["0", "l*sin(phi)"]}}, 8, 35, "positions.bob[1]: 'phi' is not declared"),
-    ({"positions": {"a": [0, 0], "b": [0, 0, 0]}}, 8, 34, "some positions have two entries and some three"),
-    ({"links": "bob"}, 9, 9, 'links is a text: write a list of pairs of points, such as [["origin", "bob"]].'),
-    ({"links": ["bob"]}, 9, 10, 'a link must be two points, such as ["origin", "bob"] or ["origin", "bob", "sp'),
+    ({"positions": {"a": [0, 0], "b": [0, 0, 0]}}, 8, 13, "positions mixes points in the plane with points in space"),
+    ({"links": "bob"}, 9, 9, "links is 'bob': give a list of pairs of point names"),
+    ({"links": ["bob"]}, 9, 10, "links contains 'bob': give pairs of point names, such as ('origin', 'bob'), or"),
     ({"links": [["origin", "bobb"]]}, 9, 21, "links names 'bobb', which is not a position; they are origin and bob."),
     ({"links": [["origin", "bobb"]]}, 9, 21, "Did you mean 'bob'?"),
     ({"links": [["origin", 3]]}, 9, 21, "links names 3, which is not a position"),
@@ -188,7 +194,7 @@ def test_a_column_inside_a_text_of_several_lines(end: str, tmp_path: Path) -> No
     assert (caught.value.line, caught.value.column) == (4, 7)
 
 
-def test_what_only_the_statement_can_see_is_refused_with_the_file(
+def test_what_only_the_statement_can_see_is_refused_with_a_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(**_: Any) -> None:
@@ -198,7 +204,7 @@ def test_what_only_the_statement_can_see_is_refused_with_the_file(
     path = write(tmp_path)
     with pytest.raises(SceneError) as caught:
         read_scene(path)
-    assert str(caught.value) == f"{path}: no."
+    assert str(caught.value) == f"{path}:1:1: no."
 
 
 def test_a_misspelt_scene_of_the_library() -> None:

@@ -16,17 +16,16 @@ from sympy.core.assumptions import _assume_defined
 from sympy.core.facts import InconsistentAssumptions
 
 from lagrange.errors import SceneError, StatementError, listing, shown
-from lagrange.statement.contact import Contact, along, check_law, contact, impact_speed
+from lagrange.statement.contact import Contact, along, contact, impact_speed
 from lagrange.statement.coordinate import (
     acceleration_of,
-    check_name,
     check_symbol,
     coordinate_of,
     name_of,
     t,
     velocity_of,
 )
-from lagrange.statement.declare import ORIGIN, check_point, check_redundant, declare, link_part
+from lagrange.statement.declare import ENERGIES, declare
 from lagrange.statement.energy import Shape, first_order_remedy, shape, without_velocity
 from lagrange.statement.event import Event, declare_events, event
 from lagrange.statement.expression import printable, real_number
@@ -115,7 +114,7 @@ class SceneDocument(Document):
         except SceneError:
             raise
         except StatementError as error:
-            self.refuse(str(error), *path, key=key)
+            self.refuse(str(error), *path, *error.place, key=key)
 
     def number(self, *path: str | int) -> float:
         """Return the number at a path, or the value of a constant expression such as "pi/6"."""
@@ -132,11 +131,16 @@ class SceneDocument(Document):
         return self._of_text(reader.read, *path)
 
     def one_or_more(self, reader: ExpressionReader, *path: str | int) -> Any:
-        """Return the expression at a path, or the list of expressions if a list is there."""
-        value = self.value(*path)
-        if not isinstance(value, list):
-            return self.expression(reader, *path)
-        return [self.expression(reader, *path, i) for i in range(len(value))]
+        """Return the expression at a path, or the tuple of expressions if a list is there."""
+        is_list = isinstance(self.value(*path), list)
+        return self.expressions(reader, *path) if is_list else self.expression(reader, *path)
+
+    def expressions(self, reader: ExpressionReader, *path: str | int) -> tuple[Any, ...]:
+        """Return the expressions in the list at a path."""
+        entries = self.value(*path)
+        if not isinstance(entries, list):
+            self.refuse(f'{dotted(path)} is {kind_of(entries)}: give a list of expressions, such as ["x", "y"].', *path)
+        return tuple(self.expression(reader, *path, i) for i in range(len(entries)))
 
     def define(self, reader: ExpressionReader, *path: str | int) -> None:
         """Define the last key of a path as a name for the expression at the path."""
@@ -212,32 +216,28 @@ class SceneReader:
         initial = document.table("initial", known, "coordinate or velocity of this scene")
         stated = self.energies(reader)
         dissipation = document.expression(reader, "dissipation") if "dissipation" in self.data else sympy.S.Zero
-        try:
+        with document.located():
             declared = declare(
                 **stated,
                 coordinates=list(coordinates.values()),
                 forces=forces,
                 dissipation=dissipation,
                 constraints=self.constraints(reader),
-                redundant=self.redundant(),
+                redundant=self.data.get("redundant", REFUSE),
                 parameters={symbols[name]: value for name, value in values.items()},
                 initial={name: document.number("initial", name) for name in initial},
                 positions=self.positions(reader, rotations),
-                links=self.links(),
+                links=self.data.get("links", []),
                 name=self.title(),
                 about=document.words("about"),
                 source=document.words("source"),
                 run=self.run(),
                 dimensions=self.dimensions(names),
                 contacts=self.contacts(reader),
-                simultaneous=self.simultaneous(),
+                simultaneous=self.data.get("simultaneous"),
                 surfaces=self.surfaces(reader),
                 check_inertia=False,
             )
-        except SceneError:
-            raise
-        except StatementError as error:
-            raise SceneError(str(error), file=document.file) from None
         self.check_velocities(declared)
         if "events" not in self.data:
             return declared
@@ -426,17 +426,8 @@ class SceneReader:
             )
 
     def energies(self, reader: ExpressionReader) -> dict[str, Any]:
-        """Return the energies that the scene states by key: "kinetic" and "potential", or "lagrangian"."""
-        main = "lagrangian" if "lagrangian" in self.data else "kinetic"
-        if main == "lagrangian" and (other := next((key for key in ("kinetic", "potential") if key in self.data), "")):
-            self.document.refuse(
-                f"give either lagrangian, or kinetic and potential, not lagrangian and {other}.", other, key=True
-            )
-        if main not in self.data:
-            self.document.refuse(
-                'there is no energy: write kinetic = "..." and potential = "...", or lagrangian = "...".'
-            )
-        return {key: self.document.expression(reader, key) for key in (main, "potential") if key in self.data}
+        """Return the energies that the scene states, {key: expression}."""
+        return {key: self.document.expression(reader, key) for key in ENERGIES if key in self.data}
 
     def check_velocities(self, statement: Statement) -> None:
         """Raise SceneError, at L or T, for a coordinate whose acceleration no equation determines."""
@@ -455,11 +446,8 @@ class SceneReader:
         stated = self.data.get("constraints", [])
         if isinstance(stated, list):
             return [self.document.equation(reader, "constraints", i) for i in range(len(stated))]
-        table = self.document.table("constraints")
-        for name in table:
-            with self.document.located("constraints", name, key=True):
-                check_name(name, "constraint")
-        return {name: self.document.equation(reader, "constraints", name) for name in table}
+        names = self.document.table("constraints")
+        return {name: self.document.equation(reader, "constraints", name) for name in names}
 
     def contacts(self, reader: ExpressionReader) -> dict[str, Contact]:
         """Return the contacts, each from a table [contacts.name]."""
@@ -475,33 +463,13 @@ class SceneReader:
                 )
                 for key in entries
             }
-            with self.document.located(*path, key=True):
-                check_name(name, "contact")
+            with self.document.located(*path):
                 contacts[name] = contact(**parts)
         return contacts
 
-    def surfaces(self, reader: ExpressionReader) -> dict[str, Any]:
+    def surfaces(self, reader: ExpressionReader) -> dict[str, tuple[Any, ...]]:
         """Return the surfaces by name. Each is a list of expressions in `along`, as many as a position has."""
-        surfaces = {}
-        for name, entries in self.document.table("surfaces").items():
-            if not isinstance(entries, list):
-                self.document.refuse(
-                    f'the surface {name[:80]} is {kind_of(entries)}: write a list such as ["2*along", "0"].',
-                    "surfaces",
-                    name,
-                )
-            surfaces[name] = tuple(self.document.one_or_more(reader, "surfaces", name))
-        return surfaces
-
-    def simultaneous(self) -> str | None:
-        """Return the law for simultaneous impacts, None if the scene states none."""
-        with self.document.located("simultaneous"):
-            return check_law(self.data["simultaneous"]) if "simultaneous" in self.data else None
-
-    def redundant(self) -> str:
-        """Return how constraints that follow from others are treated: one of `REDUNDANT`."""
-        with self.document.located("redundant"):
-            return check_redundant(self.data.get("redundant", REFUSE))
+        return {name: self.document.expressions(reader, "surfaces", name) for name in self.document.table("surfaces")}
 
     def dimensions(self, names: Mapping[str, Any]) -> dict[str, str] | None:
         """Return {symbol's name: dimension or unit as text}, or None if the scene states none; `names` are known."""
@@ -513,31 +481,12 @@ class SceneReader:
 
     def positions(self, reader: ExpressionReader, rotations: Sequence[Rotation]) -> dict[str, tuple[Any, ...] | Shape]:
         """Return the named points, two or three expressions each, and the shapes of bodies."""
-        points: dict[str, tuple[Any, ...] | Shape] = {}
-        sizes: set[int] = set()
-        table = self.document.table("positions")
-        for name, entries in table.items():
-            with self.document.located("positions", name, key=True):
-                check_point(name)
-            body = isinstance(entries, Mapping)
-            if not body and (not isinstance(entries, list) or len(entries) not in (2, 3)):
-                self.document.refuse(
-                    f"the position of {name} must be a list of two or three expressions, such as ['x', 'y'].",
-                    "positions",
-                    name,
-                )
-            sizes.add(3 if body else len(entries))
-            if len(sizes) > 1:
-                self.document.refuse(
-                    "some positions have two entries and some three: give all positions the same number.",
-                    "positions",
-                    name,
-                )
-            if body:
-                points[name] = self.shape(reader, entries, rotations, "positions", name)
-            else:
-                points[name] = tuple(self.document.one_or_more(reader, "positions", name))
-        return points
+        return {
+            name: self.shape(reader, entries, rotations, "positions", name)
+            if isinstance(entries, Mapping)
+            else self.document.expressions(reader, "positions", name)
+            for name, entries in self.document.table("positions").items()
+        }
 
     def shape(
         self, reader: ExpressionReader, table: Mapping[str, Any], rotations: Sequence[Rotation], *path: str
@@ -561,24 +510,6 @@ class SceneReader:
                 self.document.one_or_more(reader, *path, "size"),
                 self.document.one_or_more(reader, *path, "at") if "at" in table else (0, 0, 0),
             )
-
-    def links(self) -> list[list[str]]:
-        """Return the links as they are stated: pairs of points, each drawn as a rod or as a spring."""
-        known = [ORIGIN, *self.document.table("positions")]
-        links = self.data.get("links", [])
-        if not isinstance(links, list):
-            self.document.refuse(
-                f'links is {kind_of(links)}: write a list of pairs of points, such as [["origin", "bob"]].', "links"
-            )
-        for i, link in enumerate(links):
-            if not isinstance(link, list) or len(link) not in (2, 3):
-                self.document.refuse(
-                    'a link must be two points, such as ["origin", "bob"] or ["origin", "bob", "spring"].', "links", i
-                )
-            for position, part in enumerate(link):
-                with self.document.located("links", i, position):
-                    link_part(position, part, known)
-        return links
 
     def run(self) -> RunSettings:
         """Return the settings of a run from the table [run]."""
