@@ -14,7 +14,8 @@ import sympy
 from mpmath import MPContext, libmp
 
 from lagrange.statement.coordinate import t as time
-from lagrange.statement.random_states import RELATIONS, children, children_first
+from lagrange.statement.expression import parts_first
+from lagrange.statement.random_states import RELATIONS, children
 from lagrange.statement.run_settings import check_time
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
@@ -384,7 +385,7 @@ class _Recorder:
 
     def record(self, expression: Any) -> int:
         """Translate an expression into instructions, and return the slot that will hold its value."""
-        for node in children_first(expression, self._slots):
+        for node in parts_first(expression, self._slots, children):
             self._slots[node] = self._add(node)
         return self._slots[expression]
 

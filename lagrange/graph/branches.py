@@ -11,6 +11,7 @@ from fractions import Fraction
 from functools import lru_cache
 
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
+from lagrange.statement.expression import parts_first
 
 LIMITED = frozenset(("log", "asin", "acos", "atan2", "pow", "exp", "sinh", "cosh", "acosh", "atanh", "nan"))
 """Functions without finite value or derivative at some finite arguments."""
@@ -25,15 +26,8 @@ class Domains:
     def limited(self, node: Node) -> bool:
         """Return True if the node, or a node it depends on, may have no finite value."""
         known = self._known
-        stack = [node]
-        while stack:
-            top = stack[-1]
-            waiting = [arg for arg in top.args if arg not in known]
-            if top in known or not waiting:
-                stack.pop()
-                known[top] = _is_limited(top) or any(known[arg] for arg in top.args)
-            else:
-                stack.extend(waiting)
+        for part in parts_first(node, known):
+            known[part] = _is_limited(part) or any(known[arg] for arg in part.args)
         return known[node]
 
 

@@ -13,6 +13,7 @@ from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, formula
 from lagrange.graph.node import Graph, Kind, Node, reachable
+from lagrange.statement.expression import parts_first
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 SINC_RADIUS = Fraction(1, 2)  # Largest |a| at which sinc(a) is computed by its series
@@ -30,20 +31,8 @@ class Translator:
     def __call__(self, expression: Any) -> Node:
         """Return the node of a SymPy expression. Raises StatementError for unsupported parts."""
         done = self._done
-        if (node := done.get(expression)) is not None:
-            return node
-        stack = [expression]
-        while stack:
-            top = stack[-1]
-            if top in done:
-                stack.pop()
-                continue
-            waiting = [arg for arg in _operands(top) if arg not in done]
-            if waiting:
-                stack.extend(waiting)
-            else:
-                stack.pop()
-                done[top] = _translate(self.graph, top, [done[arg] for arg in _operands(top)])
+        for part in parts_first(expression, done, _operands):
+            done[part] = _translate(self.graph, part, [done[arg] for arg in _operands(part)])
         return done[expression]
 
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 import numbers
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set, Sized
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence, Set, Sized
 from functools import wraps
 from itertools import islice
+from operator import attrgetter
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -359,6 +360,26 @@ def _differentiated(expression: Any) -> Any:
         lambda node: isinstance(node, sympy.Derivative) and not isinstance(node.expr, AppliedUndef),
         lambda node: node.doit(deep=False),
     )
+
+
+def parts_first(
+    expression: Any, known: Container[Any], parts: Callable[[Any], Sequence[Any]] = attrgetter("args")
+) -> Iterator[Any]:
+    """Yield the distinct subexpressions that are not in `known`, each after its parts, without recursion.
+
+    `parts` returns the parts of a subexpression, its arguments by default. The caller must enter each subexpression in
+    `known` before it takes the next one.
+    """
+    stack = [expression]
+    while stack:
+        node = stack[-1]
+        if node not in known:
+            fresh = [part for part in parts(node) if part not in known]
+            if fresh:
+                stack += fresh
+                continue
+            yield node
+        stack.pop()
 
 
 def is_too_deep(value: Any) -> bool:

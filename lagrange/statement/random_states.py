@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import sympy
 from sympy.core.function import AppliedUndef
 
+from lagrange.statement.expression import parts_first
 from lagrange.statement.statement import Statement
 
 ORDINARY = math.log(300.0)
@@ -87,7 +88,7 @@ class Scales:
 
     def _read(self, expression: Any) -> None:
         """Add the equations for magnitudes that follow from an expression; its subexpressions are read first."""
-        for node in children_first(expression, self._forms):
+        for node in parts_first(expression, self._forms, children):
             self._forms[node] = self._form(node)
 
     def _form(self, node: Any) -> Form:
@@ -118,22 +119,6 @@ def children(node: Any) -> tuple[Any, ...]:
     if isinstance(node, sympy.Piecewise):
         return tuple(part for pair in node.args for part in (pair.expr, pair.cond))
     return tuple(node.args)
-
-
-def children_first(expression: Any, done: Container[Any]) -> Iterator[Any]:
-    """Yield the nodes of an expression that are not in `done`, each after its operands.
-
-    Each node must be added to `done` before the next one is taken, so that equal subexpressions are yielded once.
-    """
-    stack = [(expression, False)]
-    while stack:
-        node, ready = stack.pop()
-        if node in done:
-            continue
-        if ready or not children(node):
-            yield node
-        else:
-            stack += [(node, True), *((child, False) for child in children(node))]
 
 
 # SymPy's classes of inequalities

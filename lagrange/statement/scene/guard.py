@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from functools import cmp_to_key
 from typing import Any
 
@@ -12,6 +12,8 @@ import sympy.assumptions.wrapper
 import sympy.sets.setexpr
 import sympy.tensor.tensor
 from sympy.functions.elementary.piecewise import ExprCondPair
+
+from lagrange.statement.expression import parts_first
 
 LARGEST_EXPONENT = 1000
 MOST_BITS = 256  # Largest number of bits of an exact numerator or denominator: 77 digits
@@ -78,23 +80,6 @@ class Guard:
             for part in parts:
                 self.check(part)
         return build(*parts)
-
-
-def parts_first(expression: Any, known: Mapping[Any, Any], *, leaves: tuple[type, ...] = ()) -> Iterator[Any]:
-    """Yield the distinct subexpressions that are not in `known`, parts first. The caller enters each in `known`.
-
-    Objects of the classes `leaves` have no parts here.
-    """
-    todo = [expression]
-    while todo:
-        node = todo[-1]
-        fresh = [part for part in node.args if part not in known and not isinstance(node, leaves)]
-        if fresh:
-            todo.extend(fresh)
-            continue
-        todo.pop()
-        if node not in known:
-            yield node
 
 
 def replaced(expression: Any, done: dict[Any, Any]) -> Any:

@@ -18,11 +18,12 @@ from lagrange.statement.contact import Contact, along, impact_speed
 from lagrange.statement.coordinate import constraint_of, name_of, t
 from lagrange.statement.declare import ENERGIES
 from lagrange.statement.event import Event
+from lagrange.statement.expression import parts_first
 from lagrange.statement.given.motion import TabulatedFunction, motion_of, table_of
 from lagrange.statement.parameters import label_of, rate_name
 from lagrange.statement.rotation import rotation_of
 from lagrange.statement.scene.expressions import MULTIPLIER
-from lagrange.statement.scene.guard import RefusalError, parts_first
+from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.lexer import LONGEST_EVALUATED
 from lagrange.statement.scene.scene_reader import MOST_RATES, NO_SIGN, OPEN
 from lagrange.statement.scene.unevaluated import FLOAT, PRODUCT, SUM
@@ -92,7 +93,8 @@ class SharedText:
 
     def text(self, expression: Any) -> str:
         """Return the text of an expression. Definitions that it uses are added to `definitions`."""
-        for node in parts_first(expression, self._known, leaves=(sympy.Derivative, sympy.Subs)):
+        leaves = (sympy.Derivative, sympy.Subs)
+        for node in parts_first(expression, self._known, lambda node: () if isinstance(node, leaves) else node.args):
             self._known[node] = self._entry(node, root=node is expression)
         return self._known[expression].text
 
