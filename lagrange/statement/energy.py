@@ -99,9 +99,9 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
             powers = {base: power for base, power in factors if _is_rate(base)}
             if sum(powers.values()) > 1:
                 example = f"such as {_plain(min(powers, key=str))}, whose square is in the energy"
-                raise _no_rate(what, "has the term", term, "a product of rates", example)
+                raise _no_rate(f"{what} has the term", term, "a product of rates", example, rates[i])
         if not moving and rate.has(t):
-            raise _no_rate(what, "is", rate, "an angle or its function", "such as w for the angle w*t")
+            raise _no_rate(f"{what} is", rate, "an angle or its function", "such as w for the angle w*t", rate)
         _check_rate(rate, what)
     omega = sympy.Matrix(rates)
     return (omega.T * _tensor(inertia, omega.rows) * omega)[0, 0] / 2
@@ -121,13 +121,15 @@ def _dotted(rate: Any) -> str:
     return f"{name_of(rate.expr)}.{'d' * rate.derivative_count}ot"
 
 
-def _no_rate(what: str, verb: str, term: Any, kind: str, example: str) -> StatementError:
-    """Return the error for a `term` of an angular velocity that is not a rate.
+def _no_rate(begin: str, term: Any, kind: str, example: str, stated: Any) -> StatementError:
+    """Return the error for a `term` of an angular velocity that is not a rate: an angle, or another `kind`.
 
-    Its message is "`what` `verb` `term`, `kind`: give its rate, `example`", as in "w is theta, an angle: give its
-    rate, such as theta.dot".
+    The angular velocity is shown as `stated` if the term is not one of its terms, but results from multiplying out.
     """
-    return StatementError(f"{what} {verb} {formula(_plain(term), 60)}, {kind}: give its rate, {example}. {TAKEN}")
+    written = term == stated or term in sympy.Add.make_args(stated)
+    inside = "" if written else f" in {formula(_plain(stated), 80)}"
+    shown_term = formula(_plain(term), 60)
+    return StatementError(f"{begin} {shown_term}{inside}, {kind}: give its rate, {example}. {TAKEN}")
 
 
 def _plain(term: Any) -> Any:
@@ -148,32 +150,31 @@ def _check_rate(rate: Any, what: str) -> None:
         bare = _without_functions(term)
         angles = [q for q in bare.atoms(AppliedUndef) if motion_of(q) is None]
         inside = [q for q in term.atoms(AppliedUndef) if motion_of(q) is None]
-        part, shown_part = ("is", rate) if alone else ("has the term", term)
+        begin, part = (f"{what} is", rate) if alone else (f"{what} has the term", term)
         for high in term.atoms(sympy.Derivative):
             if high.derivative_count > 1 and motion_of(high.expr) is None:
-                raise _no_rate(what, "contains", high, "an acceleration", f"such as {name_of(high.expr)}.dot")
+                raise _no_rate(f"{what} contains", high, "an acceleration", f"such as {name_of(high.expr)}.dot", high)
         if not inside or term.has(sympy.Derivative):
             continue
         example = f"such as {min(map(name_of, angles or inside))}.dot"
         factor = term.subs(dict.fromkeys(angles, 1))
         if angles and (alone or _is_ratio(factor) or sympy.fraction(factor)[0].is_number):
-            raise _no_rate(what, part, shown_part, "an angle", example)
+            raise _no_rate(begin, part, "an angle", example, rate)
         if not angles and ((bare.is_Integer and abs(bare) == 1) or (bare.free_symbols and _is_ratio(bare))):
-            raise _no_rate(what, part, shown_part, "a number without a rate", example)
+            raise _no_rate(begin, part, "a number without a rate", example, rate)
 
 
 def _without_functions(term: Any) -> Any:
     """Return a term with functions such as sin replaced by 1.
 
-    Omega*sin(theta) becomes Omega: the parameter is the rate. An inverse function such as atan(y/x) is an angle, and
-    stays.
+    Omega*sin(theta) becomes Omega: the parameter is the rate. An inverse function is an angle, and stays with its
+    argument, as in atan(y/x), or asin(sin(theta)), which is theta within one turn.
     """
-    return term.replace(
-        lambda node: (
-            isinstance(node, sympy.Function) and not isinstance(node, (AppliedUndef, InverseTrigonometricFunction))
-        ),
-        lambda node: sympy.S.One,
+    angles = {angle: sympy.Dummy() for angle in term.atoms(InverseTrigonometricFunction)}
+    plain = term.xreplace(angles).replace(
+        lambda node: isinstance(node, sympy.Function) and not isinstance(node, AppliedUndef), lambda node: sympy.S.One
     )
+    return plain.xreplace({dummy: angle for angle, dummy in angles.items()})
 
 
 def _is_ratio(factor: Any) -> bool:
