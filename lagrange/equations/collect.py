@@ -9,7 +9,7 @@ from typing import Any
 import sympy
 from sympy import QQ, Add, Integer, Mul, Rational, S, ring
 
-from lagrange.equations.terms import ONE, Algebra, Monomial, MonomialSum, common_factor
+from lagrange.equations.terms import ONE, Algebra, Monomial, MonomialSum, common_factor, raise_power
 
 LONGEST_DENOMINATOR = 12
 """Largest number of terms of a denominator for which a common factor with the numerator is searched."""
@@ -119,14 +119,13 @@ def _divided(terms: MonomialSum, base: MonomialSum) -> MonomialSum | None:
     quotient, remainder = divmod(variables.polynomial(rest), variables.polynomial(base))
     if remainder:
         return None
-    return {_joined(left, monomial): value * number for left, value in variables.terms(quotient).items()}
-
-
-def _joined(left: Monomial, right: Monomial) -> Monomial:
-    powers = dict(left)
-    for k, e in right:
-        powers[k] = powers.get(k, 0) + e
-    return tuple(sorted((k, e) for k, e in powers.items() if e != 0))
+    joined: MonomialSum = {}
+    for left, value in variables.terms(quotient).items():
+        powers = dict(left)
+        for k, e in monomial:
+            raise_power(powers, k, e)
+        joined[tuple(sorted(powers.items()))] = value * number
+    return joined
 
 
 class _Variables:
@@ -210,7 +209,9 @@ class SumWriter:
         outside, rest = self._factors(shortened(self.algebra, below))
         above = shortened(self.algebra, self.algebra.divide(above, outside))
         divided = self.write(above)
-        divisible = divided.is_Add and self._divides_all(above)
+        # True if all terms have the same denominator, which varies in time, as r in -(2*v*w + g*sin(q))/r
+        denominators = {tuple((k, e) for k, e in m if e < 0 and self.algebra.free(k) & self.moving) for m in above}
+        divisible = divided.is_Add and len(denominators) == 1 and () not in denominators
         outside, above = self._factors(above)
         above, rest = cancelled(above, rest)
         ((monomial, number),) = outside.items()
@@ -224,11 +225,6 @@ class SumWriter:
         one_term = rest == {ONE: S.One}
         apart = one_term and not divisible and divided.count_ops() <= LONGER_SUM * fraction.count_ops()
         return divided if apart else fraction
-
-    def _divides_all(self, terms: MonomialSum) -> bool:
-        """Return True if all terms have the same denominator, which varies in time, as r in -(2*v*w + g*sin(q))/r."""
-        below = {tuple((k, e) for k, e in term if e < 0 and self.algebra.free(k) & self.moving) for term in terms}
-        return len(below) == 1 and () not in below
 
     def _factors(self, terms: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
         """Return the common factor of all terms (as a sum of one term) and the rest, with powers of sums expanded."""

@@ -26,7 +26,7 @@ from lagrange.equations.textbook_algebra import StatedAlgebra, canonical, is_ide
 from lagrange.graph.evaluate import precise, values
 from lagrange.graph.node import Node
 from lagrange.statement.coordinate import t
-from lagrange.statement.random_states import SamplePoint, onto_constraints, random_points
+from lagrange.statement.random_states import onto_constraints, random_points
 from lagrange.statement.statement import Statement
 
 SECOND = 2
@@ -69,13 +69,6 @@ def seen_jacobi(statement: Statement, stated: StatedAlgebra) -> bool:
     if visibly_homogeneous(statement):
         return False
     return seen_turning(stated) if statement.lagrangian_alone else seen_mixed(statement)
-
-
-def proven_homogeneous(stated: StatedAlgebra) -> bool:
-    """Return True if v . dT/dv = 2 T is proven: T is homogeneous of second degree in the velocities."""
-    algebra, kinetic = stated.algebra, stated.read(stated.statement.kinetic)
-    slopes = [algebra.multiply(algebra.differentiate(kinetic, v), stated.symbol(v)) for v in stated.v]
-    return is_identity(algebra, algebra.add(algebra.scale(kinetic, sympy.Integer(-2)), *slopes))
 
 
 def seen_mixed(statement: Statement) -> bool:
@@ -197,10 +190,12 @@ class Decisions:
 
     def cyclic(self, i: int) -> Verdict:
         """Return True if dL/dq_i = 0, None if undecided. Coordinate i must have no force and no dissipation."""
-        slope = self.laws.forces[i]
-        return self._decided(
-            self.absent(i), lambda point: _differs([slope], point), lambda stated: _free_of(stated, stated.q[i])
-        )
+
+        def slope(point: Values) -> bool | None:
+            force = values([self.laws.forces[i]], point, CONTEXT)
+            return None if force is None else abs(force[0][0]) > ZERO_SHARE * force[1]
+
+        return self._decided(self.absent(i), slope, lambda stated: _free_of(stated, stated.q[i]))
 
     @cached_property
     def powerless(self) -> Verdict:
@@ -256,7 +251,12 @@ class Decisions:
         try:
             if seen_jacobi(self.statement, self._stated):
                 return False
-            return None if self.statement.lagrangian_alone else proven_homogeneous(self._stated) or None
+            if self.statement.lagrangian_alone:
+                return None
+            stated, algebra = self._stated, self._stated.algebra
+            kinetic = stated.read(self.statement.kinetic)  # homogeneous if v . dT/dv = 2 T
+            slopes = [algebra.multiply(algebra.differentiate(kinetic, v), stated.symbol(v)) for v in stated.v]
+            return is_identity(algebra, algebra.add(algebra.scale(kinetic, sympy.Integer(-2)), *slopes)) or None
         except (TooLargeError, RecursionError):
             return None
 
@@ -323,15 +323,14 @@ class Decisions:
     @cached_property
     def _points(self) -> list[Values]:
         """Up to `LAW_SAMPLES` random states, times and parameters at which the Lagrangian has a value."""
-        points = map(self._numbers, random_points(self.statement, 1, LAW_DRAWS))
-        valued = (point for point in points if values([self.laws.lagrangian], point, CONTEXT) is not None)
-        return [*islice(valued, LAW_SAMPLES)]
-
-    def _numbers(self, point: SamplePoint) -> Values:
-        """Return {node: number of high precision} of a point."""
         laws = self.laws
-        entries = (*point.q, *point.v, point.t, *point.parameters.values())
-        return dict(zip((*laws.q, *laws.v, laws.time, *laws.parameters), map(CONTEXT.mpf, entries), strict=True))
+        symbols = (*laws.q, *laws.v, laws.time, *laws.parameters)
+        samples = (
+            (*point.q, *point.v, point.t, *point.parameters.values())
+            for point in random_points(self.statement, 1, LAW_DRAWS)
+        )
+        points = (dict(zip(symbols, map(CONTEXT.mpf, sample), strict=True)) for sample in samples)
+        return [*islice((point for point in points if values([laws.lagrangian], point, CONTEXT)), LAW_SAMPLES)]
 
     def _rate(self, node: Node, point: Values) -> tuple[Any, Any] | None:
         """Return the partial time derivative of a node at a point, and the scale for deciding whether it is zero.
@@ -429,9 +428,3 @@ def _changes(nodes: Sequence[Node], point: Values, symbols: Sequence[Node]) -> b
         return None
     size = max(before[1], after[1])
     return any(abs(a - b) > ZERO_SHARE * size for a, b in zip(before[0], after[0], strict=True))
-
-
-def _differs(nodes: Sequence[Node], point: Values) -> bool | None:
-    """Return True if one of the nodes is not zero at a point; None if the nodes have no values there."""
-    evaluated = values(nodes, point, CONTEXT)
-    return None if evaluated is None else any(abs(value) > ZERO_SHARE * evaluated[1] for value in evaluated[0])

@@ -70,21 +70,16 @@ def with_solved_multipliers(statement: Statement) -> Statement:
     _check_linear(statement, symbols)
     equations = euler_lagrange(replace(statement, parameters=(*statement.parameters, *symbols)))
     nodes = _multipliers(equations, statement.name, names)
-    if (size := _written_out(nodes)) > MOST_WRITTEN_OPERATIONS:
+    sizes: dict[Node, int] = {}  # operations in the formula of each node; a shared node counts each time it is used
+    for node in reachable(nodes):
+        sizes[node] = len(node.args) + sum(sizes[arg] for arg in node.args)
+    if (size := sum(sizes[node] for node in nodes)) > MOST_WRITTEN_OPERATIONS:
         raise StatementError(
             f"the multipliers in the forces of {statement.name} have {size:.2g} operations when written out, more than "
             f"{MOST_WRITTEN_OPERATIONS:.0e}: state fewer coordinates, or a force in coordinates and velocities."
         )
     values = dict(zip(symbols, map(equations.express, nodes), strict=True))
     return replace(statement, forces=tuple(force.xreplace(values) for force in statement.forces))
-
-
-def _written_out(nodes: Sequence[Node]) -> int:
-    """Return the number of operations in the formulas of nodes; a shared node counts as often as it is used."""
-    sizes: dict[Node, int] = {}
-    for node in reachable(nodes):
-        sizes[node] = len(node.args) + sum(sizes[arg] for arg in node.args)
-    return sum(sizes[node] for node in nodes)
 
 
 def _check_linear(statement: Statement, symbols: Sequence[Any]) -> None:
@@ -219,7 +214,12 @@ def _check_constraints(samples: RegularityPoints, reach: Reach) -> None:
     rows = samples.values([node for part in parts for node in part])
     gradient, sizes, values, terms, mass = np.split(rows, np.cumsum([len(part) for part in parts[:-1]]))
     gradient = gradient.reshape(shape)
-    _check_empty(constraints.names, gradient, sizes.reshape(shape), values, terms)
+    sizes = sizes.reshape(shape)
+    for name, slopes, size, value, term in zip(constraints.names, gradient, sizes, values, terms, strict=True):
+        finite = np.isfinite(value) & np.isfinite(slopes).all(axis=0)
+        if finite.any() and (np.abs(slopes) <= TERM_ROUND_OFF * size)[:, finite].all():
+            worst = int(np.argmax(np.where(finite, np.abs(value), -1.0)))
+            raise StatementError(empty_constraint(name, float(value[worst]), float(term[worst])))
     singular, point = _common_singular(mass.reshape(len(equations.q), len(equations.q), -1), gradient)
     if singular is None:
         return
@@ -229,7 +229,12 @@ def _check_constraints(samples: RegularityPoints, reach: Reach) -> None:
             "constraints and has no inertia at every state tried, so these accelerations are not determined. Add the "
             "kinetic energy that is missing, or use fewer coordinates."
         )
-    raise StatementError(_dependent(samples, singular, reach))
+    names, statement = constraints.names, samples.statement
+    # Without values for its parameters no state says whether constraints contradict one another.
+    only_stated = all(row < len(equations.stated) for row, _ in singular.rows)
+    if not only_stated or len(statement.defaults) < len(statement.parameters) or samples.reached(reach)[0]:
+        raise StatementError(dependent_everywhere(names, singular))
+    raise StatementError(contradiction(names, singular))
 
 
 def _independent_constraints(statement: Statement, equations: Equations, reach: Reach) -> tuple[int, ...]:
@@ -269,20 +274,6 @@ def independent_rows(rows: FloatArray) -> tuple[int, ...]:
     return tuple(sorted(chosen))
 
 
-def _dependent(samples: RegularityPoints, singular: Singular, reach: Reach) -> str:
-    """Return the error message for constraints that are dependent at every state tried.
-
-    It says that they contradict each other if `reach` finds no state on them. `singular` has the dependent rows of G.
-    """
-    equations, statement = samples.equations, samples.statement
-    names = equations.constraints.names
-    # Without values for its parameters no state says whether constraints contradict one another.
-    only_stated = all(row < len(equations.stated) for row, _ in singular.rows)
-    if not only_stated or len(statement.defaults) < len(statement.parameters) or samples.reached(reach)[0]:
-        return dependent_everywhere(names, singular)
-    return contradiction(names, singular)
-
-
 class RegularityPoints:
     """Points at which regularity is tested: random ones of order one, the initial state, and points near it."""
 
@@ -313,21 +304,6 @@ class RegularityPoints:
     def mass_entries(self) -> list[Node]:
         """Return the entries of the mass matrix, row by row."""
         return [entry for row in self.equations.mass for entry in row]
-
-
-def _check_empty(
-    names: Sequence[str], gradient: FloatArray, sizes: FloatArray, values: FloatArray, terms: FloatArray
-) -> None:
-    """Raise StatementError for a constraint that restricts no velocity at any state where it has a value.
-
-    `gradient` has the constraints' derivatives with respect to velocities, and `sizes` the sizes of their terms, (m, n,
-    states). `values` and `terms` are the values of the constraints and the sizes of their terms, (m, states).
-    """
-    for name, rows, size, value, term in zip(names, gradient, sizes, values, terms, strict=True):
-        finite = np.isfinite(value) & np.isfinite(rows).all(axis=0)
-        if finite.any() and (np.abs(rows) <= TERM_ROUND_OFF * size)[:, finite].all():
-            worst = int(np.argmax(np.where(finite, np.abs(value), -1.0)))
-            raise StatementError(empty_constraint(name, float(value[worst]), float(term[worst])))
 
 
 def _common_singular(mass: FloatArray, gradient: FloatArray) -> tuple[Singular | None, int]:

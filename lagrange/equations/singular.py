@@ -106,7 +106,8 @@ def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | No
     dependent = _dependent(rows, scale[n:], alike=alike) if m else None
     if dependent is not None and dependent.regularity <= RANK:
         return dependent
-    allowed = _kernel(rows) if m else np.eye(n)
+    # An orthonormal basis (n, n - m) of the motions that the rows (m, n) allow: their null space
+    allowed = np.asarray(np.linalg.svd(rows)[2][m:].T) if m else np.eye(n)
     if not allowed.shape[1]:
         return dependent
     values, vectors = np.linalg.eigh(allowed.T @ whole[:n, :n] @ allowed)
@@ -135,11 +136,6 @@ def _dependent(scaled: FloatArray, scale: FloatArray, *, alike: bool) -> Singula
     largest = np.abs(factors * units).max()
     rows = [(i, float(factors[i] / scale[i])) for i in range(len(scaled)) if abs(left[i, -1]) > NAMED_SHARE * largest]
     return Singular(least, rows=tuple(rows))
-
-
-def _kernel(rows: FloatArray) -> FloatArray:
-    """Return an orthonormal basis (n, n - m) of the motions that the rows (m, n) allow: their null space."""
-    return np.asarray(np.linalg.svd(rows)[2][len(rows) :].T)
 
 
 def matrices_at(

@@ -52,16 +52,11 @@ def expanded_cofactors(
 ) -> tuple[list[MonomialSum], MonomialSum]:
     """Return the numerators of M^-1 h and their denominator, the determinant, multiplied out and merged."""
     n = len(matrix)
-    cofactors = [
-        [_minor(algebra, matrix, _without(n, i), _without(n, j), (-1) ** (i + j)) for j in range(n)] for i in range(n)
-    ]
+    others = [tuple(k for k in range(n) if k != i) for i in range(n)]
+    cofactors = [[_minor(algebra, matrix, others[i], others[j], (-1) ** (i + j)) for j in range(n)] for i in range(n)]
     determinant = algebra.add({}, *(algebra.multiply(matrix[0][j], cofactors[0][j]) for j in range(n)))
     above = [algebra.add({}, *(algebra.multiply(bias[i], cofactors[i][j]) for i in range(n))) for j in range(n)]
     return [algebra.merge_angles(terms) for terms in above], algebra.merge_angles(determinant)
-
-
-def _without(n: int, left_out: int) -> tuple[int, ...]:
-    return tuple(k for k in range(n) if k != left_out)
 
 
 def _minor(
@@ -91,8 +86,9 @@ def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
     """
     digits = 40 + 10 * len(matrix)
     point = distinct_values(sorted(sympy.Tuple(*(entry for row in matrix for entry in row)).free_symbols, key=str))
+    rows = [[sympy.N(printable(entry.xreplace(point)), digits) for entry in row] for row in matrix]
     with mpmath.workdps(digits):
-        numbers = mpmath.matrix([[_number(entry.xreplace(point), digits) for entry in row] for row in matrix])
+        numbers = mpmath.matrix([[mpmath.mpmathify(x) if x.is_finite else mpmath.mpf(1) for x in row] for row in rows])
         bound = mpmath.fprod(mpmath.norm(numbers[i, :]) for i in range(numbers.rows))
         return bool(abs(mpmath.det(numbers)) <= bound * mpmath.mpf(10) ** (20 - digits))
 
@@ -108,11 +104,6 @@ def distinct_values(symbols: Iterable[Any]) -> dict[Any, Any]:
     """Return a different positive rational number of order one for each symbol. They have no simple relations."""
     ordered = dict.fromkeys(symbols)
     return {symbol: Rational(2 * i + 3, 2 * i + 7) + Rational(1, i + 11) for i, symbol in enumerate(ordered)}
-
-
-def _number(entry: Any, digits: int) -> Any:
-    value = sympy.N(printable(entry), digits)
-    return mpmath.mpmathify(value) if value.is_finite else mpmath.mpf(1)
 
 
 MOST_MINORS = 30_000
@@ -137,12 +128,13 @@ class NestedCofactors:
         """Return M^-1 h, n expressions over one determinant."""
         n = len(self._matrix)
         everything = tuple(range(n))
+        others = [everything[:i] + everything[i + 1 :] for i in everything]
         determinant, below = self._minor(everything, everything)
         solution = []
         for j in range(n):
             parts, size = [], below
             for i in range(n):
-                cofactor, length = self._minor(_without(n, i), _without(n, j))
+                cofactor, length = self._minor(others[i], others[j])
                 if cofactor != 0 and self._bias[i] != 0:
                     parts.append(Mul((-1) ** (i + j), cofactor, self._bias[i]))
                     size = self._bounded(size + length + self._bias[i].count_ops() + 1)

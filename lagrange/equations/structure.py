@@ -86,7 +86,11 @@ class Structure:
 
     def remarks(self) -> list[str]:
         """Return sentences as in a textbook: on coordinates without inertia, constraints, and conserved quantities."""
-        return [*self._first_order(), *self._constraints(), *self._energy(), *self._momenta()]
+        momenta = [
+            f"{self.names[i]} does not appear in L: it is cyclic, so p_{self.names[i]} is conserved."
+            for i in self.cyclic
+        ]
+        return [*self._first_order(), *self._constraints(), *self._energy(), *momenta]
 
     def _separation(self) -> list[str]:
         if self.separable:
@@ -97,11 +101,9 @@ class Structure:
 
     def _first_order(self) -> list[str]:
         names = [self.names[i] for i in self.first_order]
-        if not names:
-            return []
-        if len(names) == 1:
-            return [f"{names[0]} has no inertia: its equation of motion is of first order."]
-        return [f"{listing(names)} have no inertia: their equations of motion are of first order."]
+        have = "has no inertia: its equation" if len(names) == 1 else "have no inertia: their equations"
+        of_motion = "of motion is" if len(names) == 1 else "of motion are"
+        return [f"{listing(names)} {have} {of_motion} of first order."] if names else []
 
     def _constraints(self) -> list[str]:
         count = len(self.constraints)
@@ -159,12 +161,6 @@ class Structure:
         if self.autonomous:
             return "Nothing depends on time explicitly and the forces besides the potential do no work"
         return "The forces besides the potential do the work that explicit time takes"
-
-    def _momenta(self) -> list[str]:
-        return [
-            f"{self.names[i]} does not appear in L: it is cyclic, so p_{self.names[i]} is conserved."
-            for i in self.cyclic
-        ]
 
 
 def find_structure(

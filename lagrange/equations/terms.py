@@ -110,7 +110,13 @@ def differentiable(expression: Any) -> Any:
     """Return the expression with |x|, sign, Heaviside, Min and Max in forms that have ordinary derivatives."""
     return _exchange(
         expression,
-        {sympy.Abs: Magnitude, sympy.sign: Direction, sympy.Heaviside: Step, sympy.Max: _maximum, sympy.Min: _minimum},
+        {
+            sympy.Abs: Magnitude,
+            sympy.sign: Direction,
+            sympy.Heaviside: Step,
+            sympy.Max: lambda *numbers: reduce(lambda a, b: sympy.Piecewise((a, a >= b), (b, True)), numbers),
+            sympy.Min: lambda *numbers: reduce(lambda a, b: sympy.Piecewise((a, a <= b), (b, True)), numbers),
+        },
     )
 
 
@@ -123,14 +129,6 @@ def _exchange(expression: Any, table: Mapping[Any, Any]) -> Any:
     if not expression.has(*table):
         return expression
     return expression.replace(lambda node: node.func in table, lambda node: table[node.func](*node.args))
-
-
-def _maximum(*numbers: Any) -> Any:
-    return reduce(lambda a, b: sympy.Piecewise((a, a >= b), (b, True)), numbers)
-
-
-def _minimum(*numbers: Any) -> Any:
-    return reduce(lambda a, b: sympy.Piecewise((a, a <= b), (b, True)), numbers)
 
 
 class Algebra:

@@ -29,7 +29,6 @@ from lagrange.equations.solve_plan import (
 from lagrange.equations.terms import (
     ONE,
     Algebra,
-    Monomial,
     MonomialSum,
     TooLargeError,
     accumulate,
@@ -241,19 +240,16 @@ class TextbookAlgebra(StatedAlgebra):
         return [self.algebra.merge_angles(slope) for slope in slopes]
 
     def require_short_slopes(self) -> None:
-        """Raise TooLargeError if the derivatives dL/dq of all coordinates would be too long. None is computed."""
-        if self.slope_operations > LONGEST_SLOPES:
+        """Raise TooLargeError if the derivatives dL/dq of all coordinates would be too long. None is computed.
+
+        The operations in each term of L are counted once for each coordinate in the term.
+        """
+        algebra, operations = self.algebra, 0
+        for monomial in self.lagrangian:
+            symbols = frozenset().union(*(algebra.free(k) for k, _ in monomial))
+            operations += len(symbols.intersection(self.q)) * algebra.size(monomial)
+        if operations > LONGEST_SLOPES:
             raise TooLargeError
-
-    @cached_property
-    def slope_operations(self) -> int:
-        """Estimated number of operations in dL/dq: each term of L is counted once for each coordinate in the term."""
-        algebra, coordinates = self.algebra, frozenset(self.q)
-
-        def count(monomial: Monomial) -> int:
-            return len(coordinates & frozenset().union(*(algebra.free(k) for k, _ in monomial)))
-
-        return sum(count(monomial) * algebra.size(monomial) for monomial in self.lagrangian)
 
     @cached_property
     def drifts(self) -> list[MonomialSum]:
@@ -427,6 +423,7 @@ ROUNDS = 6
 """Largest number of rounds of multiplying out roots and quotients; each removes one level of nesting."""
 
 MOST_PROOF_MONOMIALS = 40_000  # Largest number of monomials of one proof: half a second
+_COMPOSITE = (sympy.sin, sympy.cos, sympy.sinh, sympy.cosh, sympy.tan)
 _SQUARES = {sympy.sin: (sympy.cos, -1), sympy.cosh: (sympy.sinh, 1)}  # f**2 = 1 + sign * g**2 by function
 
 
@@ -457,7 +454,7 @@ def _cleared(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
     lowest: dict[int, Any] = {}
     for monomial in terms:
         for k, e in monomial:
-            if _composite(algebra.factors[k]):
+            if algebra.factors[k].is_Add or isinstance(algebra.factors[k], _COMPOSITE):
                 lowest[k] = min(lowest.get(k, 0), e)
     cleared: MonomialSum = {}
     for monomial, number in terms.items():
@@ -474,10 +471,6 @@ def _cleared(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
         for new, value in product.items():
             accumulate(cleared, new, value)
     return cleared
-
-
-def _composite(factor: Any) -> bool:
-    return bool(factor.is_Add or isinstance(factor, (sympy.sin, sympy.cos, sympy.sinh, sympy.cosh, sympy.tan)))
 
 
 def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> MonomialSum:

@@ -65,19 +65,12 @@ def _readings(node: Node, when: Node, domains: Domains) -> list[tuple[Node, Node
             readings += [(condition, when), (value, both(when, condition))]
             when = both(when, opposite(condition))
         return [*readings, (node.args[-1], when)]
-    first, second = node.args
-    return [(arg, _beside(node, when, other, domains)) for arg, other in ((first, second), (second, first))]
-
-
-def _beside(node: Node, when: Node, other: Node, domains: Domains) -> Node:
-    """Return the condition under which an argument of `node`, an `and` or `or`, is read.
-
-    `when` is the condition under which the node is read, and `other` the other argument. The argument is read if
-    `other` does not decide the result, and always if `other` may have no value.
-    """
-    if domains.limited(other):
-        return when
-    return both(when, other if node.data == "and" else opposite(other))
+    readings = []
+    for arg, other in (node.args, node.args[::-1]):
+        # An argument is read if the other one does not decide the result, and always if that may have no value.
+        needed = when if domains.limited(other) else both(when, other if node.data == "and" else opposite(other))
+        readings.append((arg, needed))
+    return readings
 
 
 def both(a: Node, b: Node) -> Node:

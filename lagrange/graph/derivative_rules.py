@@ -34,23 +34,16 @@ class Function:
     first: PartialRule | None = None
 
 
-def _apply(name: str) -> PartialRule:
-    return lambda *args: args[0].graph.call(name, *args)
-
-
-log, sign, pow_ = map(_apply, ("log", "sign", "pow"))
-
-
 FUNCTIONS: dict[str, Function] = {
     function.name: function
     for function in (
         *(Function(elementary.name, 1, (elementary.partial,)) for elementary in ELEMENTARY.values()),
         Function("atan2", 2, (lambda y, a, b: b / (a**2 + b**2), lambda y, a, b: -a / (a**2 + b**2))),
-        Function("abs", 1, (lambda y, a: sign(a),)),
+        Function("abs", 1, (lambda y, a: a.graph.call("sign", a),)),
         Function("sign", 1, (lambda y, a: a.graph.zero,)),
         Function("min", 2, first=lambda a, b: a.graph.call("less_equal", a, b)),
         Function("max", 2, first=lambda a, b: a.graph.call("less_equal", b, a)),
-        Function("pow", 2, (lambda y, a, b: b * pow_(a, b - 1), lambda y, a, b: y * log(a))),
+        Function("pow", 2, (lambda y, a, b: b * a ** (b - 1), lambda y, a, b: y * a.graph.call("log", a))),
         Function("pi", 0),
         Function("e", 0),
         Function("nan", 0),

@@ -32,7 +32,13 @@ class Translator:
         """Return the node of a SymPy expression. Raises StatementError for unsupported parts."""
         done = self._done
         for part in parts_first(expression, done, _operands):
-            done[part] = _translate(self.graph, part, [done[arg] for arg in _operands(part)])
+            if isinstance(part, sympy.Number):
+                done[part] = self.graph.constant(_number(part))
+                continue
+            build = _BUILD.get(type(part)) or _BUILD.get(part.func)
+            if build is None:
+                raise StatementError(f"{type(part).__name__} in {formula(part, 80)!r} is not supported.")
+            done[part] = build(self.graph, *(done[arg] for arg in _operands(part)))
         return done[expression]
 
 
@@ -46,15 +52,6 @@ def _operands(expression: Any) -> tuple[Any, ...]:
     if isinstance(expression, (sympy.And, sympy.Or)):
         return tuple(sorted(expression.args, key=sympy.default_sort_key))
     return tuple(expression.args)
-
-
-def _translate(graph: Graph, expression: Any, args: list[Node]) -> Node:
-    if isinstance(expression, sympy.Number):
-        return graph.constant(_number(expression))
-    build = _BUILD.get(type(expression)) or _BUILD.get(expression.func)
-    if build is None:
-        raise StatementError(f"{type(expression).__name__} in {formula(expression, 80)!r} is not supported.")
-    return build(graph, *args)
 
 
 def _number(number: Any) -> int | Fraction:
