@@ -21,8 +21,7 @@ from lagrange.equations.structure import Structure, find_structure
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.evaluate import generic_rank
-from lagrange.graph.node import Binding, Graph, Kind, Node, substitute
-from lagrange.graph.share import share_sums
+from lagrange.graph.node import Binding, Graph, Kind, Node, share_sums, substitute
 from lagrange.graph.sympy_nodes import Translator, to_sympy
 from lagrange.statement.coordinate import acceleration_of, check_multipliers, multiplier, t
 from lagrange.statement.energy import first_order_remedy

@@ -29,9 +29,8 @@ from lagrange.equations.singular import (
 from lagrange.equations.solve_plan import eliminated
 from lagrange.errors import StatementError, listing
 from lagrange.graph.differentiate import tangents
-from lagrange.graph.evaluate import doubles, generic_rank
+from lagrange.graph.evaluate import doubles, generic_rank, term_sizes
 from lagrange.graph.node import Node, reachable, substitute
-from lagrange.graph.term_size import term_sizes
 from lagrange.statement.coordinate import check_multipliers, constraint_of, multiplier
 from lagrange.statement.given.function import with_values
 from lagrange.statement.random_states import SAMPLE_KINDS, Sampler

@@ -51,11 +51,6 @@ class Structure:
         """True if the momenta depend on velocities alone; None if undecided."""
         return self.decisions.separable
 
-    @property
-    def autonomous(self) -> Verdict:
-        """True if the Lagrangian does not depend on time; None if undecided."""
-        return self.decisions.timeless
-
     @cached_property
     def cyclic(self) -> tuple[int, ...]:
         """Indices of cyclic coordinates: L does not depend on them, and no force, drag or constraint acts on them."""
@@ -141,8 +136,9 @@ class Structure:
             other = " (T + V is not this integral)" if kept != "energy" and not stated_alone else ""
             return [f"{self.energy_reason()}: the {kept} is conserved{other}."]
         verdict = "is not" if self.energy_kept is False else "was not found to be"
-        time = "depends" if self.autonomous is False else "may depend"
-        causes = [] if self.autonomous else [f"the Lagrangian {time} on time"]
+        timeless = self.decisions.timeless
+        time = "depends" if timeless is False else "may depend"
+        causes = [] if timeless else [f"the Lagrangian {time} on time"]
         causes += ["forces or dissipation act"] * self.forced
         causes += ["constraints that depend on time, or on velocities other than in proportion, may do work"] * (
             not self.workless
@@ -158,7 +154,7 @@ class Structure:
         """Return the reason why the energy is conserved, if it is, as the beginning of a sentence."""
         if not self.forced:
             return "Nothing depends on time explicitly and no force acts besides the potential"
-        if self.autonomous:
+        if self.decisions.timeless:
             return "Nothing depends on time explicitly and the forces besides the potential do no work"
         return "The forces besides the potential do the work that explicit time takes"
 

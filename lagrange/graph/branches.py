@@ -17,18 +17,14 @@ LIMITED = frozenset(("log", "asin", "acos", "atan2", "pow", "exp", "sinh", "cosh
 """Functions without finite value or derivative at some finite arguments."""
 
 
-class Domains:
-    """Cached test for nodes that may have no finite value at a finite state."""
+def limited(node: Node, known: dict[Node, bool]) -> bool:
+    """Return True if the node, or a node it depends on, may have no finite value at a finite state.
 
-    def __init__(self) -> None:
-        self._known: dict[Node, bool] = {}
-
-    def limited(self, node: Node) -> bool:
-        """Return True if the node, or a node it depends on, may have no finite value."""
-        known = self._known
-        for part in parts_first(node, known):
-            known[part] = _is_limited(part) or any(known[arg] for arg in part.args)
-        return known[node]
+    `known` has the results for other nodes, and is extended.
+    """
+    for part in parts_first(node, known):
+        known[part] = _is_limited(part) or any(known[arg] for arg in part.args)
+    return known[node]
 
 
 def _is_limited(node: Node) -> bool:
@@ -48,14 +44,14 @@ def read_when(graph: Graph, outputs: Sequence[Node]) -> Callable[[Node], Node]:
     order = reachable(outputs)
     if not any(node.kind is Kind.CALL and node.data == "piecewise" for node in order):
         return lambda node: graph.one
-    domains, conditions = Domains(), dict.fromkeys(outputs, graph.one)
+    domains, conditions = dict[Node, bool](), dict.fromkeys(outputs, graph.one)
     for node in reversed(order):
         for arg, condition in _readings(node, conditions[node], domains):
             conditions[arg] = either(conditions[arg], condition) if arg in conditions else condition
     return conditions.__getitem__
 
 
-def _readings(node: Node, when: Node, domains: Domains) -> list[tuple[Node, Node]]:
+def _readings(node: Node, when: Node, domains: dict[Node, bool]) -> list[tuple[Node, Node]]:
     """Return each argument of a node with the condition under which it is read; `when` is that of the node."""
     if node.kind is not Kind.CALL or node.data not in ("piecewise", "and", "or"):
         return [(arg, when) for arg in node.args]
@@ -68,7 +64,7 @@ def _readings(node: Node, when: Node, domains: Domains) -> list[tuple[Node, Node
     readings = []
     for arg, other in (node.args, node.args[::-1]):
         # An argument is read if the other one does not decide the result, and always if that may have no value.
-        needed = when if domains.limited(other) else both(when, other if node.data == "and" else opposite(other))
+        needed = when if limited(other, domains) else both(when, other if node.data == "and" else opposite(other))
         readings.append((arg, needed))
     return readings
 

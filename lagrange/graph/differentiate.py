@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from lagrange.graph.branches import Domains
+from lagrange.graph.branches import limited
 from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.node import Graph, Kind, Node, exact, reachable
 
@@ -47,14 +47,14 @@ def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callabl
     """Return a function from each of `outputs` to its derivative along the direction {symbol: component}."""
     outputs = list(outputs)
     table: dict[Node, Node] = dict(direction)
-    domains = Domains()
+    domains = dict[Node, bool]()
     for node in reachable(outputs, _mask(direction)):
         if node not in table and node.kind is not Kind.SYMBOL:
             _push(node, table, domains)
     return lambda node: table.get(node, node.graph.zero)
 
 
-def _push(node: Node, tangents: dict[Node, Node], domains: Domains) -> None:
+def _push(node: Node, tangents: dict[Node, Node], domains: dict[Node, bool]) -> None:
     """Add the derivative of a node along a direction to `tangents`, {node: derivative}.
 
     The derivatives of its arguments are already there; an argument without an entry has the derivative zero. For an
@@ -109,7 +109,7 @@ def _sweep(
     """
     incoming: dict[Node, list[tuple[int, Node]]] = {output: [(1, graph.one)]}
     adjoints: dict[Node, Node] = {}
-    domains = Domains()
+    domains = dict[Node, bool]()
     for node in reversed(order):
         if node not in incoming:
             continue
@@ -151,11 +151,11 @@ def _branchwise(node: Node, derivatives: list[Node]) -> Node:
     return node.graph.piecewise(list(zip(_conditions(node), derivatives, strict=False)), otherwise)
 
 
-def _chosen(derivative: Node, factor: Node, domains: Domains) -> Node:
+def _chosen(derivative: Node, factor: Node, domains: dict[Node, bool]) -> Node:
     """Return derivative * factor. A factor that may be infinite multiplies only the nonzero branches of a choice."""
     graph = derivative.graph
     choice = derivative.kind is Kind.CALL and derivative.data == "piecewise" and graph.zero in derivative.args
-    if not choice or not domains.limited(factor):
+    if not choice or not limited(factor, domains):
         return graph.product((derivative, factor))
     values = [_chosen(value, factor, domains) for value in _values(derivative)]
     return graph.piecewise(list(zip(_conditions(derivative), values, strict=False)), values[-1])

@@ -18,8 +18,8 @@ from lagrange.equations.euler_lagrange import Equations, node_of
 from lagrange.equations.singular import singular_sentence
 from lagrange.errors import RunError, StatementError, abridged, counted, listing, shown
 from lagrange.graph.branches import square_roots
+from lagrange.graph.evaluate import term_sizes
 from lagrange.graph.node import Node
-from lagrange.graph.term_size import term_sizes
 from lagrange.machine.backend import (
     FloatArray,
     Kernel,

@@ -19,8 +19,8 @@ from functools import reduce
 from lagrange.equations.constraints import ConstraintEquations
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.differentiate import tangents
+from lagrange.graph.evaluate import term_sizes
 from lagrange.graph.node import Binding, Node, substitute
-from lagrange.graph.term_size import term_sizes
 from lagrange.program.lower import Named, lower
 from lagrange.program.program import Program
 from lagrange.statement.space import conjugate, length_excess, product

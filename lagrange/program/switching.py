@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 
-from lagrange.graph.branches import Domains, either, read_when, where_read
+from lagrange.graph.branches import either, limited, read_when, where_read
 from lagrange.graph.derivative_rules import CONDITIONS
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable, rebuild
 
@@ -70,7 +70,7 @@ class _Switches:
 
     def __init__(self, graph: Graph, read: Callable[[Node], Node], sided: Container[Node]) -> None:
         self.graph, self.read, self.sided = graph, read, sided
-        self.domains = Domains()
+        self.limited: dict[Node, bool] = {}
         self.surfaces: list[Node] = []
         self.sides: list[Node] = []
         self.expressions: list[Node] = []
@@ -103,8 +103,8 @@ class _Switches:
 
         It is the condition of the branch that contains the function, or 1 (true) if the function always has a value.
         """
-        limited = self.domains.limited(self.expressions[surface])
-        return self.conditions[surface] if limited else self.graph.one
+        undefined = limited(self.expressions[surface], self.limited)
+        return self.conditions[surface] if undefined else self.graph.one
 
     def side(self, g: Node, stated: Node, when: Node) -> Node:
         """Return the sign of g: a symbol, its negative if the surface -g exists, or the sign of a constant.

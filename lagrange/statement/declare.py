@@ -107,20 +107,16 @@ def declare(
     """
     survey, alone = Survey(), lagrangian is not None
     typed, energies = _energies(kinetic, potential, lagrangian, survey)
-    with located("constraints"):
-        checked = _declare_constraints(zeros := _typed_zeros(constraints), survey)
-    with located("coordinates"):
-        chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
+    checked = _declare_constraints(zeros := _typed_zeros(constraints), survey)
+    chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
     by_name = dict(zip(map(name_of, chosen), chosen, strict=True))
-    with located("forces"):
-        force_table = _forces(forces, by_name, survey)
-    with located("dissipation"):
-        drag = _dissipation(dissipation, by_name, survey)
+    force_table, drag = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
     fields = _drawn(positions, links, surfaces, survey) | declare_contacts(contacts, simultaneous, survey, checked)
     _check_constraints(checked, chosen, redundant)
-    _check_declared(survey, chosen)
-    with located("parameters"):
-        known, unify = _parameters(parameters, survey, by_name, friction_names(fields["contacts"]))
+    if undeclared := [q for q in survey.coordinates if q not in chosen]:
+        raise StatementError(coordinate_or_given(name_of(undeclared[0]), [*by_name]))
+    check_given(survey, by_name)
+    known, unify = _parameters(parameters, survey, by_name, friction_names(fields["contacts"]))
     statement = Statement(
         coordinates=chosen,
         **dict(zip(("kinetic", "potential", "lagrangian"), energies, strict=True)),
@@ -141,8 +137,7 @@ def declare(
         _check_velocities(statement, alone=alone)
     statement = _with_rotations(statement, typed, forces, dissipation, zeros)
     statement = statement.mapped(lambda stated: stated.xreplace(unify)) if unify else statement
-    with located("dimensions"):
-        return statement if dimensions is None else with_dimensions(statement, dimensions)
+    return statement if dimensions is None else with_dimensions(statement, dimensions)
 
 
 def _with_rotations(
@@ -194,6 +189,7 @@ def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
     }
 
 
+@located("parameters")
 def _parameters(
     stated_values: Any, survey: Survey, taken_names: Mapping[str, Any], frictions: Collection[str]
 ) -> tuple[dict[str, Any], Mapping[Any, Any]]:
@@ -205,7 +201,8 @@ def _parameters(
     """
     values = table_of(stated_values, "parameters", "parameter to value")
     symbols, unify = parameter_symbols(survey, values, {**taken_names, **{name_of(f): f for f in survey.given}})
-    defaults = MappingProxyType(default_values(values, symbols, frictions))
+    given_values = {key: value for key, value in values.items() if value is not None}
+    defaults = MappingProxyType(default_values(given_values, symbols, frictions))
     return {"parameters": tuple(symbols.values()), "defaults": defaults}, unify
 
 
@@ -281,6 +278,7 @@ def _energies(
     return typed, (main, minus, main - minus)
 
 
+@located("coordinates")
 def _coordinates(coordinates: Sequence[Any] | None, survey: Survey, first_order: Iterable[Any]) -> tuple[Any, ...]:
     """Return the coordinates that the user listed, or without a list those in `survey` and `first_order`.
 
@@ -380,19 +378,7 @@ def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any
         )
 
 
-def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
-    """Raise StatementError for a function of time in `survey` that is neither a coordinate nor a given function.
-
-    It is also raised for a given function whose name is taken, and for tables that have no time in common.
-    """
-    names = [name_of(q) for q in coordinates]
-    declared = frozenset(coordinates)
-    for q in survey.coordinates:
-        if q not in declared:
-            raise StatementError(coordinate_or_given(name_of(q), names))
-    check_given(survey, names)
-
-
+@located("forces")
 def _forces(forces: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
     """Return {coordinate: generalized force}. The symbols of the forces are added to `survey`."""
     table: dict[Any, Any] = {}
@@ -413,6 +399,7 @@ def _forces(forces: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: S
     return table
 
 
+@located("dissipation")
 def _dissipation(function: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
     """Return Rayleigh's dissipation function D. Raises StatementError for a D without velocities: its force is zero."""
     dissipation, leaves = expression(function, "the dissipation"), Survey()
@@ -432,16 +419,13 @@ def _drawn(positions: Any, links: Iterable[Sequence[str]], surfaces: Any, survey
 
     The symbols of their expressions are added to `survey`.
     """
-    with located("positions"):
-        points, edges = _positions(positions, survey)
-    with located("surfaces"):
-        lines = _surfaces(surfaces, points, survey)
-    with located("links"):
-        checked = _links(links, points)
+    points, edges = _positions(positions, survey)
+    lines = _surfaces(surfaces, points, survey)
     views = {"positions": MappingProxyType(points), "surfaces": MappingProxyType(lines)}
-    return {"links": (*edges, *checked), **views}
+    return {"links": (*edges, *_links(links, points)), **views}
 
 
+@located("positions")
 def _positions(
     positions: Mapping[str, Any] | None, survey: Survey
 ) -> tuple[dict[str, tuple[Any, ...]], tuple[Link, ...]]:
@@ -473,6 +457,7 @@ def _positions(
     return points, tuple(edges)
 
 
+@located("surfaces")
 def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: Survey) -> dict[str, tuple[Any, ...]]:
     """Return {name: point} of the surfaces. The point (x, y) or (x, y, z) runs along the surface as `along` grows.
 
@@ -507,6 +492,7 @@ def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: S
     return surfaces
 
 
+@located("links")
 def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link, ...]:
     """Return the links between named points. Raises StatementError for anything else."""
     end = [ORIGIN, *points], "links names {given}, which is not a position; they are {known}."
@@ -534,6 +520,7 @@ def _has_length(value: Any, *lengths: int) -> bool:
     return isinstance(value, (list, tuple, sympy.MatrixBase)) and len(value) in lengths
 
 
+@located("constraints")
 def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Constraint, ...]:
     """Return the constraints from {name: expression that is zero}, and add their symbols to `survey`.
 
@@ -551,6 +538,7 @@ def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Cons
     return tuple(constraints)
 
 
+@located("constraints")
 def _typed_zeros(constraints: Any) -> dict[str, Any]:
     """Return {name: expression that is zero}; constraints in a list are named constraint_1, constraint_2, ..."""
     if isinstance(constraints, Mapping):

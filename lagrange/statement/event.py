@@ -105,7 +105,7 @@ def _zero(argument: Any) -> Any:
 
 def _instead_of(argument: Any) -> str:
     """Return the end of an error message for an argument that is not an event: its text, its type, and the remedy."""
-    written = _written(argument)
+    written = formula(argument, 80) if isinstance(argument, (str, sympy.Basic)) else shown(argument)
     match argument:
         case str() | bytes():
             return f"{written!r}, a text: give the symbol or the expression itself, such as theta or theta.dot - 1."
@@ -123,10 +123,6 @@ def _instead_of(argument: Any) -> str:
             )
     hidden = " A Python function hides its formula, and its roots could be missed." if callable(argument) else ""
     return f"{written!r}: give a SymPy expression whose zero is the event, such as theta - 1.{hidden}"
-
-
-def _written(argument: Any) -> str:
-    return formula(argument, 80) if isinstance(argument, (str, sympy.Basic)) else shown(argument)
 
 
 def _value(value: Any) -> Any:

@@ -196,13 +196,10 @@ def parameter_values(
     not a finite real number, a negative coefficient of friction, and a parameter without a value.
     """
     by_name = {symbol.name: symbol for symbol in parameters}
-    values = dict(defaults)
     table = table_of(overrides, "parameters", "parameter to value")
-    labels = [label_of(key) for key in table]
-    check_once(labels, "parameters")
-    for label, value in zip(labels, table.values(), strict=True):
-        parameter_name(label, by_name)
-        values[by_name[label]] = _within(by_name[label], real_number(value, f"parameter {label}"), frictions)
+    for key in table:
+        parameter_name(key, by_name)
+    values = {**defaults, **default_values(table, by_name, frictions)}
     missing = [symbol.name for symbol in parameters if symbol not in values]
     if missing:
         raise StatementError(
@@ -322,7 +319,7 @@ def check_rate(name: str, by_name: Container[str], what: str) -> None:
 def default_values(
     table: Mapping[Any, Any], symbols: dict[str, Any], frictions: Collection[str] = ()
 ) -> dict[Any, float]:
-    """Return {parameter: value} for a `table` of values in the statement. `symbols` are the parameters by name.
+    """Return {parameter: value} for a `table` of values. `symbols` are the parameters by name.
 
     `frictions` are the names of coefficients of friction. Raises StatementError as `parameter_values` does.
     """
@@ -330,8 +327,7 @@ def default_values(
     check_once([label_of(key) for key in table], "parameters")
     for key, value in table.items():
         symbol = symbols[label_of(key)]
-        if value is not None:
-            values[symbol] = _within(symbol, real_number(value, f"parameter {symbol.name}"), frictions)
+        values[symbol] = _within(symbol, real_number(value, f"parameter {symbol.name}"), frictions)
     return values
 
 

@@ -56,7 +56,8 @@ class Scales:
         self._monomials: list[Form] = []
         stated = (statement.lagrangian, *statement.forces, statement.dissipation)
         for expression in (*stated, *(constraint.expression for constraint in statement.constraints)):
-            self._read(expression)
+            for node in parts_first(expression, self._forms, children):
+                self._forms[node] = self._form(node)
         self._rows = [self._row(form) for form in self._monomials if any(symbol in self._index for symbol in form)]
 
     def sizes(self, parameters: Mapping[Any, float], start: Sequence[float] = ()) -> tuple[float, ...]:
@@ -85,11 +86,6 @@ class Scales:
         unknowns = {self._index[symbol]: power for symbol, power in form.items() if symbol in self._index}
         others = tuple((s, power) for s, power in form.items() if s is not UNIT and s not in self._index)
         return _Row(unknowns, others, form.get(UNIT, 0.0))
-
-    def _read(self, expression: Any) -> None:
-        """Add the equations for magnitudes that follow from an expression; its subexpressions are read first."""
-        for node in parts_first(expression, self._forms, children):
-            self._forms[node] = self._form(node)
 
     def _form(self, node: Any) -> Form:
         parts = [self._forms[child] for child in children(node)]
@@ -313,13 +309,9 @@ class Sampler:
                 values[symbol] = default * self._draw.uniform(0.7, 1.4)
             else:
                 size = self._draw.uniform(0.4, 1.8)
-                values[symbol] = -size if self._negative(symbol, default) else size
+                negative = not symbol.is_positive and (default < 0 if default else self._draw.random() < 0.5)
+                values[symbol] = -size if negative else size
         return values
-
-    def _negative(self, symbol: Any, default: float | None) -> bool:
-        if symbol.is_positive:
-            return False
-        return default < 0 if default else self._draw.random() < 0.5
 
     def _of_order_one(self) -> float:
         return self._draw.uniform(0.2, 1.7) * (1.0 if self._draw.random() < 0.5 else -1.0)

@@ -68,7 +68,7 @@ def test_a_scene_keeps_its_surfaces(tmp_path: Any) -> None:
     for name, point in stated.statement.surfaces.items():
         assert all(sympy.simplify(a - b) == 0 for a, b in zip(point, read.surfaces[name], strict=True))
     path.write_text(path.read_text().replace("ring = [", "ring = 3 # "))
-    with pytest.raises(lg.SceneError, match="surfaces.ring is an integer: give a list of expressions, such as"):
+    with pytest.raises(lg.SceneError, match=r"surfaces\.ring is an integer: give a list of expressions, such as"):
         lg.System.from_scene(path)
 
 

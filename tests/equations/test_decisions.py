@@ -57,7 +57,7 @@ STATED_BY_POSITIONS = {
 def test_what_cancels_is_not_there(name: str) -> None:
     parts, ignorable = STATED_BY_POSITIONS[name]
     structure = found(**parts)
-    assert structure.conservative and structure.autonomous is True
+    assert structure.conservative and structure.decisions.timeless is True
     assert sorted(structure.names[i] for i in structure.cyclic) == ignorable.split()
     told = " ".join(structure.sentences())
     turning = "Jacobi integral v.p - L is conserved (T + V is not this integral)."
@@ -127,7 +127,7 @@ def test_what_is_absent_needs_no_decision(monkeypatch: pytest.MonkeyPatch) -> No
     # Whether a run is held to its energy is asked of every model: a chain of links must not pay for it.
     monkeypatch.setattr(decisions, "values", None)
     structure = laws(kinetic=lg.kinetic_energy(m, (x, y)), potential=k * x * y, coordinates=[x, y]).structure
-    assert structure.conservative and structure.autonomous and structure.separable and structure.constant_mass
+    assert structure.conservative and structure.decisions.timeless and structure.separable and structure.constant_mass
 
 
 EARTH = cos(Rational(729, 10**7) * t) + sin(Rational(1991, 10**10) * t)

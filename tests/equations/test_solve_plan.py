@@ -352,7 +352,7 @@ def test_findings(name: str) -> None:
         result.blocks,
         result.constant_mass,
         result.separable,
-        result.autonomous,
+        result.decisions.timeless,
         result.forced,
         result.cyclic,
         result.position_only,
@@ -384,11 +384,11 @@ def test_a_mass_that_depends_on_time_is_not_constant() -> None:
 
 def test_explicit_time_is_found_and_time_that_cancels_is_not() -> None:
     driven = euler_lagrange(stated(kinetic=m * x.dot**2 / 2, potential=k * x * cos(omega * t)))
-    assert not driven.structure.autonomous
+    assert not driven.structure.decisions.timeless
     still = euler_lagrange(stated(kinetic=m * x.dot**2 / 2 * (sin(t) ** 2 + cos(t) ** 2)))
-    assert still.structure.autonomous == (not still.lagrangian.depends & still.time.depends)
+    assert still.structure.decisions.timeless == (not still.lagrangian.depends & still.time.depends)
     forced = euler_lagrange(stated(kinetic=m * x.dot**2 / 2, forces={x: cos(t)}))
-    assert forced.structure.autonomous and forced.structure.forced
+    assert forced.structure.decisions.timeless and forced.structure.forced
 
 
 @pytest.mark.parametrize(

@@ -20,11 +20,9 @@ from lagrange.errors import StatementError
 from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.evaluate import FUNCTIONS as VALUED
-from lagrange.graph.evaluate import generic_rank, precise, values
-from lagrange.graph.node import Binding, Graph, Kind, Node, exact, reachable
-from lagrange.graph.share import share_sums
+from lagrange.graph.evaluate import generic_rank, precise, term_sizes, values
+from lagrange.graph.node import Binding, Graph, Kind, Node, exact, reachable, share_sums
 from lagrange.graph.sympy_nodes import Translator
-from lagrange.graph.term_size import term_sizes
 from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.program.lower import lower
 from tests.graph.trees import BINDINGS, Forms, evaluate, expressions, new_graph

@@ -18,8 +18,7 @@ from lagrange.errors import StatementError
 from lagrange.graph.derivative_rules import CONDITIONS, FUNCTIONS
 from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.evaluate import values
-from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
-from lagrange.graph.share import share_sums
+from lagrange.graph.node import Binding, Graph, Kind, Node, reachable, share_sums
 from lagrange.graph.sympy_nodes import Translator, to_sympy
 from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.numpy_machine import NumpyMachine

@@ -117,7 +117,11 @@ REFUSED_SCENES: dict[str, tuple[str, str, str]] = {
         "the rotation of a shape must be one of this scene: R",
     ),
     "two sizes": ("size = 2", "size = [1, 2]", "give three values, or one for all"),
-    "in the plane": ("[positions]", '[positions]\\ntip = ["x", "y"]', "positions mixes points in the plane with points in space"),
+    "in the plane": (
+        "[positions]",
+        '[positions]\\ntip = ["x", "y"]',
+        "positions mixes points in the plane",
+    ),
 }
 
 

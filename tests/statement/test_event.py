@@ -17,7 +17,7 @@ from lagrange.statement.coordinate import coordinate, coordinates, multiplier, p
 from lagrange.statement.declare import declare
 from lagrange.statement.event import Event, declare_events, event
 from lagrange.statement.parameters import Survey
-from lagrange.statement.scene.scene_reader import scene_from_text
+from lagrange.statement.scene.scene_reader import SceneReader
 from lagrange.statement.scene.writer import scene_text
 from tests.models import stated
 from tests.refusals import refusal
@@ -173,7 +173,7 @@ terminal = 1
 
 
 def test_the_events_of_a_scene_act_on_its_runs_and_on_copies_of_it() -> None:
-    ball = lg.System.from_statement(scene_from_text(BALL))
+    ball = lg.System.from_statement(SceneReader("", BALL).statement())
     first = math.sqrt(2 / 9.81)
     for system in (ball, pickle.loads(pickle.dumps(ball))):
         run = system.run(2.0, method="dop853", target="numpy")
@@ -185,15 +185,15 @@ def test_the_events_of_a_scene_act_on_its_runs_and_on_copies_of_it() -> None:
 
 
 def test_what_is_written_states_the_same_events() -> None:
-    stated = scene_from_text(BALL)
-    again = scene_from_text(scene_text(stated))
+    stated = SceneReader("", BALL).statement()
+    again = SceneReader("", scene_text(stated)).statement()
     for first, second in zip(again.run.events, stated.run.events, strict=True):
         for name in ("expression", "direction", "terminal", "reset", "settings"):
             assert getattr(first, name) == getattr(second, name), name
 
 
 def test_a_derived_system_has_no_events_of_the_scene() -> None:
-    ball = lg.System.from_statement(scene_from_text(BALL))
+    ball = lg.System.from_statement(SceneReader("", BALL).statement())
     assert ball.substitute({"m": 2}).statement.run.events == ()
 
 
@@ -212,7 +212,7 @@ def test_a_derived_system_has_no_events_of_the_scene() -> None:
 )
 def test_a_wrong_event_is_refused_at_its_line(right: str, wrong: str, line: int, words: str) -> None:
     with pytest.raises(SceneError) as refusal:
-        scene_from_text(BALL.replace(right, wrong))
+        SceneReader("", BALL.replace(right, wrong)).statement()
     assert words in str(refusal.value)
     assert refusal.value.line == line, refusal.value
 

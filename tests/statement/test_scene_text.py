@@ -16,7 +16,7 @@ from sympy.logic.boolalg import ITE, And, Not, Or
 import lagrange as lg
 from lagrange.errors import SceneError
 from lagrange.statement.scene.guard import RefusalError
-from lagrange.statement.scene.scene_reader import scene_from_text, stored_statement
+from lagrange.statement.scene.scene_reader import SceneReader, stored_statement
 from lagrange.statement.scene.toml_document import Document
 from lagrange.statement.scene.unevaluated import UnevaluatedExpressions
 from lagrange.statement.scene.writer import SharedText, scene_text
@@ -284,7 +284,7 @@ stretch = "sin(far)*far"
 
 
 def test_a_scene_has_definitions_signs_open_values_tables_and_multipliers() -> None:
-    result = scene_from_text(SCENE)
+    result = SceneReader("", SCENE).statement()
     stiffness, friction = sympy.Symbol("k", positive=True), sympy.Symbol("mu", real=True)
     force = lg.table(x - 1, [0, 1, 2, 3], [0.0, 0.5, 0.7, 0.8])
     stretch = sin(x - 1) * (x - 1)
@@ -318,7 +318,7 @@ MISTAKES = [
 def test_mistakes_in_a_scene_are_refused_in_a_sentence(old: str, new: str, message: str) -> None:
     assert old in SCENE
     with pytest.raises(SceneError) as caught:
-        scene_from_text(SCENE.replace(old, new))
+        SceneReader("", SCENE.replace(old, new)).statement()
     assert message in caught.value.reason and caught.value.line is not None
 
 

@@ -124,11 +124,15 @@ def check_arguments(build: Any, arguments: list[Any]) -> None:
         check_compared(
             arguments, f"the {'argument' if len(arguments) == 1 else 'arguments'} of {build.__name__.lower()}"
         )
-    if build in _SPLITTING and _doubtful(arguments[0]) > MOST_DOUBTFUL:
-        raise RefusalError(
-            f"the argument of {build.__name__.lower()} has more than {MOST_DOUBTFUL} parts that may be complex, "
-            "such as roots and logarithms: write it with fewer"
-        )
+    if build in _SPLITTING:
+        doubtful: dict[Any, bool] = {}  # distinct subexpressions, and true for those that SymPy cannot prove to be real
+        for node in parts_first(arguments[0], doubtful):
+            doubtful[node] = isinstance(node, sympy.Expr) and not node.is_extended_real
+        if sum(doubtful.values()) > MOST_DOUBTFUL:
+            raise RefusalError(
+                f"the argument of {build.__name__.lower()} has more than {MOST_DOUBTFUL} parts that may be complex, "
+                "such as roots and logarithms: write it with fewer"
+            )
 
 
 def check_compared(expressions: list[Any], what: str) -> None:
@@ -139,14 +143,6 @@ def check_compared(expressions: list[Any], what: str) -> None:
             size[node] = 1 + sum(size[part] for part in node.args)
     if sum(size[expression] for expression in expressions) > MOST_COMPARED:
         raise RefusalError(f"there are more than {MOST_COMPARED} parts in {what}: write something shorter")
-
-
-def _doubtful(argument: Any) -> int:
-    """Return the number of distinct subexpressions of `argument` that SymPy cannot prove to be real."""
-    doubt: dict[Any, bool] = {}
-    for node in parts_first(argument, doubt):
-        doubt[node] = isinstance(node, sympy.Expr) and not node.is_extended_real
-    return sum(doubt.values())
 
 
 def _check_exponent(exponent: Any) -> None:

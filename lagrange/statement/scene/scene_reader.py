@@ -61,8 +61,6 @@ _TITLE = re.compile(r"(?=.*[^\W_])(?![.\s]).{0,63}\S")
 _CONDITION = re.compile(r"\bif\b")
 _INEQUALITY = re.compile(r"[<>]|!=")
 
-ExpressionReader = Expressions | UnevaluatedExpressions
-
 
 def read_scene(path: str | os.PathLike[str]) -> Statement:
     """Return the statement in a scene file.
@@ -71,11 +69,6 @@ def read_scene(path: str | os.PathLike[str]) -> Statement:
     Raises SceneError with file, line and column.
     """
     return SceneReader(path).statement()
-
-
-def scene_from_text(text: str) -> Statement:
-    """Return the statement in the text of a scene file. Raises SceneError with line and column."""
-    return SceneReader("", text).statement()
 
 
 def stored_statement(text: Any) -> Statement:
@@ -126,23 +119,23 @@ class SceneDocument(Document):
         with self.located(*path):
             return real_number(value, what)
 
-    def expression(self, reader: ExpressionReader, *path: str | int) -> Any:
+    def expression(self, reader: Expressions, *path: str | int) -> Any:
         """Return the text or number at a path of keys and indices in the file, as a SymPy expression."""
         return self._of_text(reader.read, *path)
 
-    def one_or_more(self, reader: ExpressionReader, *path: str | int) -> Any:
+    def one_or_more(self, reader: Expressions, *path: str | int) -> Any:
         """Return the expression at a path, or the tuple of expressions if a list is there."""
         is_list = isinstance(self.value(*path), list)
         return self.expressions(reader, *path) if is_list else self.expression(reader, *path)
 
-    def expressions(self, reader: ExpressionReader, *path: str | int) -> tuple[Any, ...]:
+    def expressions(self, reader: Expressions, *path: str | int) -> tuple[Any, ...]:
         """Return the expressions in the list at a path."""
         entries = self.value(*path)
         if not isinstance(entries, list):
             self.refuse(f'{dotted(path)} is {kind_of(entries)}: give a list of expressions, such as ["x", "y"].', *path)
         return tuple(self.expression(reader, *path, i) for i in range(len(entries)))
 
-    def define(self, reader: ExpressionReader, *path: str | int) -> None:
+    def define(self, reader: Expressions, *path: str | int) -> None:
         """Define the last key of a path as a name for the expression at the path."""
         self._of_text(partial(reader.define, str(path[-1])), *path)
 
@@ -157,7 +150,7 @@ class SceneDocument(Document):
         except SceneError as error:
             self.refuse(f"{what}: {error.reason}", *path, column=error.column)
 
-    def equation(self, reader: ExpressionReader, *path: str | int) -> Any:
+    def equation(self, reader: Expressions, *path: str | int) -> Any:
         """Return the expression at a path that is zero; for a text "left == right" it is left minus right side."""
         value = self.value(*path)
         if not isinstance(value, str) or value.count("==") != 1 or _CONDITION.search(value):
@@ -244,14 +237,14 @@ class SceneReader:
         return replace(declared, run=replace(declared.run, events=self.events(reader, declared)))
 
     def forces(
-        self, reader: ExpressionReader, coordinates: Mapping[str, Any], rotations: Sequence[Rotation]
+        self, reader: Expressions, coordinates: Mapping[str, Any], rotations: Sequence[Rotation]
     ) -> dict[Any, Any]:
         """Return the forces on coordinates, and the torques about the axes of bodies, R_body_x to R_body_z."""
         known = [*coordinates, *(name_of(rate) for each in rotations for rate in each.body)]
         stated = self.document.table("forces", known, "coordinate of this scene")
         return {coordinates.get(name, name): self.document.expression(reader, "forces", name) for name in stated}
 
-    def events(self, reader: ExpressionReader, declared: Statement) -> tuple[Event, ...]:
+    def events(self, reader: Expressions, declared: Statement) -> tuple[Event, ...]:
         """Return the events of the scene, from the list of tables [[events]].
 
         They are checked against the statement `declared`. An event is a zero of `when`; other keys are optional.
@@ -265,7 +258,7 @@ class SceneReader:
         with self.document.located("events"):
             return declare_events(stated, declared)
 
-    def event(self, reader: ExpressionReader, i: int, table: Mapping[str, Any]) -> Event:
+    def event(self, reader: Expressions, i: int, table: Mapping[str, Any]) -> Event:
         """Return the event in `table`, the entry with index i of [[events]]."""
         path = ("events", i)
         self.document.check_keys(table, EVENT_KEYS, "key of an event", *path)
@@ -351,7 +344,7 @@ class SceneReader:
         except InconsistentAssumptions:
             self.document.refuse(reason, "signs", name)
 
-    def reader(self, names: Mapping[str, Any], given_names: Mapping[str, Any]) -> ExpressionReader:
+    def reader(self, names: Mapping[str, Any], given_names: Mapping[str, Any]) -> Expressions:
         """Return the reader of the scene's expressions, which also knows the tables and definitions of the file.
 
         `names` maps identifiers to SymPy objects, and `given_names` those of given functions of time.
@@ -361,7 +354,7 @@ class SceneReader:
             self.document.refuse('functions is not a list of names: write functions = ["U"].', "functions")
         for i, name in enumerate(functions):
             self.check_free(name, "function", names, "functions", i)
-        reader: ExpressionReader = (
+        reader: Expressions = (
             Expressions(names, (MULTIPLIER, *functions))
             if self.evaluated
             else UnevaluatedExpressions(names, given_names.values(), functions)
@@ -374,7 +367,7 @@ class SceneReader:
             self.document.define(reader, "definitions", name)
         return reader
 
-    def measured(self, reader: ExpressionReader, name: str) -> Any:
+    def measured(self, reader: Expressions, name: str) -> Any:
         """Return the table `name` of measured values as a SymPy expression: a cubic spline in its argument."""
         entry = self.document.value("tables", name)
         if not isinstance(entry, Mapping) or set(entry) != set(TABLE_KEYS):
@@ -388,7 +381,7 @@ class SceneReader:
     def given(self, coordinates: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str, Any]:
         """Return {name: function} of the given functions of time and their derivatives, such as X and X_dot."""
         names: dict[str, Any] = {}
-        reader: ExpressionReader = (
+        reader: Expressions = (
             Expressions(symbols) if self.evaluated else UnevaluatedExpressions(symbols, (t, *symbols.values()))
         )
         for name, motion in self.document.table("given").items():
@@ -425,7 +418,7 @@ class SceneReader:
                 f"{name!r} cannot name a {what}, because it is {taken}: choose another name.", *path, key=key
             )
 
-    def energies(self, reader: ExpressionReader) -> dict[str, Any]:
+    def energies(self, reader: Expressions) -> dict[str, Any]:
         """Return the energies that the scene states, {key: expression}."""
         return {key: self.document.expression(reader, key) for key in ENERGIES if key in self.data}
 
@@ -441,7 +434,7 @@ class SceneReader:
                 main,
             )
 
-    def constraints(self, reader: ExpressionReader) -> dict[str, Any] | list[Any]:
+    def constraints(self, reader: Expressions) -> dict[str, Any] | list[Any]:
         """Return the constraints, a list or a table by name: expressions that are zero, or equations with ==."""
         stated = self.data.get("constraints", [])
         if isinstance(stated, list):
@@ -449,7 +442,7 @@ class SceneReader:
         names = self.document.table("constraints")
         return {name: self.document.equation(reader, "constraints", name) for name in names}
 
-    def contacts(self, reader: ExpressionReader) -> dict[str, Contact]:
+    def contacts(self, reader: Expressions) -> dict[str, Contact]:
         """Return the contacts, each from a table [contacts.name]."""
         contacts: dict[str, Contact] = {}
         for name, entries in self.document.table("contacts").items():
@@ -467,7 +460,7 @@ class SceneReader:
                 contacts[name] = contact(**parts)
         return contacts
 
-    def surfaces(self, reader: ExpressionReader) -> dict[str, tuple[Any, ...]]:
+    def surfaces(self, reader: Expressions) -> dict[str, tuple[Any, ...]]:
         """Return the surfaces by name. Each is a list of expressions in `along`, as many as a position has."""
         return {name: self.document.expressions(reader, "surfaces", name) for name in self.document.table("surfaces")}
 
@@ -479,7 +472,7 @@ class SceneReader:
         table = self.document.table("dimensions", known, "symbol of this scene")
         return {name: self.document.text("dimensions", name) for name in table}
 
-    def positions(self, reader: ExpressionReader, rotations: Sequence[Rotation]) -> dict[str, tuple[Any, ...] | Shape]:
+    def positions(self, reader: Expressions, rotations: Sequence[Rotation]) -> dict[str, tuple[Any, ...] | Shape]:
         """Return the named points, two or three expressions each, and the shapes of bodies."""
         return {
             name: self.shape(reader, entries, rotations, "positions", name)
@@ -488,9 +481,7 @@ class SceneReader:
             for name, entries in self.document.table("positions").items()
         }
 
-    def shape(
-        self, reader: ExpressionReader, table: Mapping[str, Any], rotations: Sequence[Rotation], *path: str
-    ) -> Shape:
+    def shape(self, reader: Expressions, table: Mapping[str, Any], rotations: Sequence[Rotation], *path: str) -> Shape:
         """Return the shape of a body in a table of [positions], such as { shape = "disc", size = "r", rotation = "R" }.
 
         Without `rotation` the body does not turn, and without `at` its centre is at the origin. `path` is the path of

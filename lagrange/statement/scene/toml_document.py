@@ -291,8 +291,9 @@ class Document:
         except RecursionError:
             self._fail("the file is nested too deeply: a scene has tables in tables at most.")
         except tomllib.TOMLDecodeError as error:
-            reason, line, column = _split(str(error), len(lines))
-            self._fail(f"this is not TOML: {reason}.", line, column)
+            match = _POSITION.fullmatch(str(error))
+            reason, line, column = match.groups() if match else (str(error).rstrip("."), "0", "0")
+            self._fail(f"this is not TOML: {reason}.", int(line or len(lines)) or None, int(column or 0) or None)
         except ValueError:  # beyond Python's limit on the digits of integers
             self._fail("an integer has thousands of digits: write a decimal, such as 1.5e100.")
 
@@ -308,11 +309,3 @@ def kind_of(value: Any) -> str:
 def dotted(path: tuple[str | int, ...]) -> str:
     """Return a path as it is written in TOML, with indices in brackets: positions.bob[0]."""
     return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)[1:]
-
-
-def _split(message: str, last: int) -> tuple[str, int | None, int | None]:
-    match = _POSITION.fullmatch(message)
-    if match is None:
-        return message.rstrip("."), None, None
-    line, column = match.group(2), match.group(3)
-    return match.group(1), int(line) if line else last, int(column) if column else None

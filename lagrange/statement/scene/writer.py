@@ -392,7 +392,10 @@ class _SceneWriter:
             run["method"] = _quoted(statement.run.method)
         signs = {parameter.name: sign_of(parameter) for parameter in statement.parameters}
         return {
-            "parameters": {p.name: self.value(p) for p in statement.parameters},
+            "parameters": {
+                p.name: repr(float(statement.defaults[p])) if p in statement.defaults else _quoted(OPEN)
+                for p in statement.parameters
+            },
             "signs": {name: _quoted(sign) for name, sign in signs.items() if sign != "real"},
             "given": {name_of(function): self.motion(function) for function in statement.given},
             "initial": {name: repr(value) for name, value in states if value or name in statement.names},
@@ -434,11 +437,6 @@ class _SceneWriter:
         entries = {"gap": [each.gap], "slip": each.slip, "restitution": [each.restitution], "friction": friction}
         texts = {key: [self.text(what, part) for part in parts] for key, parts in entries.items() if any(parts)}
         return {key: parts[0] if len(parts) == 1 else f"[{_joined(parts)}]" for key, parts in texts.items()}
-
-    def value(self, parameter: Any) -> str:
-        """Return the value of a parameter as text, or the quoted word `OPEN` if it has none."""
-        value = self.statement.defaults.get(parameter)
-        return _quoted(OPEN) if value is None else repr(float(value))
 
     def motion(self, function: Any) -> str:
         """Return the values of a given function as text: an expression, or lists of times and values."""

@@ -161,11 +161,6 @@ class Dimension:
         return abs(self.factor - other.factor) <= SAME_FACTOR
 
     @property
-    def whole(self) -> bool:
-        """True if the exponents of all base dimensions are whole numbers."""
-        return all(power.denominator == 1 for _, power in self.exponents)
-
-    @property
     def in_words(self) -> str:
         """The stated unit as text, or the dimension as text if no unit was stated."""
         return self.unit or str(self)

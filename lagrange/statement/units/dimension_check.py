@@ -15,7 +15,7 @@ import sympy
 from sympy.core.function import AppliedUndef
 from sympy.functions.elementary.trigonometric import TrigonometricFunction
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, located
 from lagrange.statement.contact import Contact, along, impact_speed
 from lagrange.statement.coordinate import RATE, name_of, t
 from lagrange.statement.given.motion import motion_of, table_range
@@ -69,6 +69,7 @@ class WrongTermError(Exception):
         self.term, self.unit, self.expected, self.context, self.within = term, unit, expected, context, within
 
 
+@located("dimensions")
 def with_dimensions(statement: Statement, table: Mapping[Any, Any]) -> Statement:
     """Return the statement with the dimensions of its symbols.
 
@@ -170,8 +171,9 @@ def check_dimensions(
     _infer(parts, known)
     # No quantity of mechanics has a root of a length as its dimension. Such a symbol is taken for an angle, so that the
     # check below names the wrong term.
-    roots = [symbol for symbol, dimension in known.items() if symbol not in dimensions and not dimension.whole]
-    known |= dict.fromkeys(roots, DIMENSIONLESS)
+    for symbol, dimension in known.items():
+        if symbol not in dimensions and any(power.denominator > 1 for _, power in dimension.exponents):
+            known[symbol] = DIMENSIONLESS
     equations = UnitEquations(known, parts)
     if (found := _first_wrong(parts, equations, scales=False)) is not None:
         raise StatementError(_wrong_dimension(*found, equations, symbols))

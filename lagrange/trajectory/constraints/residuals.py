@@ -8,8 +8,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from lagrange.graph.differentiate import gradient
+from lagrange.graph.evaluate import term_sizes
 from lagrange.graph.node import Binding, Node
-from lagrange.graph.term_size import term_sizes
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
