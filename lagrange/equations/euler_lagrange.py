@@ -84,13 +84,7 @@ class MotionForm:
 
 
 def with_inertia(
-    motion: MotionForm,
-    mass: tuple[tuple[Node, ...], ...],
-    first_order: Sequence[int],
-    constraints: ConstraintEquations,
-    q: Sequence[Node],
-    v: Sequence[Node],
-    time: Node,
+    laws: StatedLaws, motion: MotionForm, first_order: Sequence[int], constraints: ConstraintEquations
 ) -> tuple[MotionForm, tuple[tuple[Node, ...], ...]]:
     """Return the equations and their mass matrix M, with terms added if M is singular, so that it becomes regular.
 
@@ -99,7 +93,7 @@ def with_inertia(
     need no inertia.
     """
     linear = [name not in constraints.nonlinear for name in constraints.names]
-    graph = time.graph
+    q, v, time, mass, graph = laws.q, laws.v, laws.time, laws.mass, laws.time.graph
     with_ones = [
         [graph.one if i == j and i in first_order else entry for j, entry in enumerate(row)]
         for i, row in enumerate(mass)
@@ -141,20 +135,17 @@ def _weight(mass: Matrix, gradient_row: Sequence[Node], symbols: Sequence[Node])
 RELATION = "equation of "  # Prefix of the names of first-order equations. Names of users have no spaces.
 
 
-def first_order_coordinates(
-    mass: Sequence[Sequence[Node]], bias: Sequence[Node], v: Sequence[Node], constraints: ConstraintEquations
-) -> tuple[int, ...]:
+def first_order_coordinates(laws: StatedLaws) -> tuple[int, ...]:
     """Return the indices of the coordinates of first order: without inertia, with an equation for their velocities.
 
-    Coordinates in constraints are not among them. `bias` is h of M a = h. The equations of such coordinates are the
-    relations 0 = h. If the relation of a coordinate determines no velocity, the coordinate is left out;
-    `check_inertia` raises an error for it.
+    Coordinates in constraints are not among them. The equations of such coordinates are the relations 0 = h. If the
+    relation of a coordinate determines no velocity, the coordinate is left out; `check_inertia` raises an error for it.
     """
-    graph = v[0].graph
+    v, bias, graph = laws.v, laws.bias, laws.time.graph
     chosen = [
         i
-        for i, row in enumerate(mass)
-        if all(entry is graph.zero for entry in (*row, *(line[i] for line in constraints.gradient)))
+        for i, row in enumerate(laws.mass)
+        if all(entry is graph.zero for entry in (*row, *(line[i] for line in laws.constraints.gradient)))
     ]
     while True:
         columns = {j: tangents([bias[i] for i in chosen], {v[j]: graph.one}) for j in chosen}
@@ -187,13 +178,7 @@ def without(first_order: Sequence[int], motion: MotionForm, rates: Mapping[Node,
 
 
 def with_relations(
-    constraints: ConstraintEquations,
-    first_order: Sequence[int],
-    names: Sequence[str],
-    bias: Sequence[Node],
-    q: Sequence[Node],
-    v: Sequence[Node],
-    time: Node,
+    laws: StatedLaws, constraints: ConstraintEquations, first_order: Sequence[int], names: Sequence[str]
 ) -> tuple[ConstraintEquations, dict[Node, Node]]:
     """Return the constraints, followed by the first-order equations 0 = h as relations between velocities.
 
@@ -203,10 +188,10 @@ def with_relations(
     """
     if not first_order:
         return constraints, {}
-    graph = time.graph
-    relations = tuple(bias[i] for i in first_order)
+    v, graph = laws.v, laws.time.graph
+    relations = tuple(laws.bias[i] for i in first_order)
     columns = [tangents(relations, {symbol: graph.one}) for symbol in v]
-    rate = tangents(relations, {**dict(zip(q, v, strict=True)), **graph.rates})
+    rate = tangents(relations, {**dict(zip(laws.q, v, strict=True)), **graph.rates})
     solved = constraints.joined(
         ConstraintEquations(
             names=tuple(f"{RELATION}{names[i]}" for i in first_order),
@@ -394,17 +379,17 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     forces = generalized_forces(lagrangian, q, extra)
     mass = mass_matrix(momenta, v)
     bias = bias_forces(forces, momenta, q, v, time)
-    first_order = first_order_coordinates(mass, bias, v, constraints)
-    check_inertia(statement.names, mass, constraints, first_order)
+    laws = StatedLaws(q, v, time, parameters, lagrangian, forces, momenta, extra, bias, mass, constraints)
+    first_order = first_order_coordinates(laws)
+    check_inertia(statement.names, laws, first_order)
     kept = range(len(constraints)) if kept is None else kept
-    solved, rates = with_relations(constraints.part(kept), first_order, statement.names, bias, q, v, time)
+    solved, rates = with_relations(laws, constraints.part(kept), first_order, statement.names)
     motion = without(first_order, MotionForm(tuple(momenta), tuple(forces), tuple(bias)), rates)
-    motion, inertia = with_inertia(motion, mass, first_order, constraints.part(kept), q, v, time)
+    motion, inertia = with_inertia(laws, motion, first_order, constraints.part(kept))
     matrix = system_matrix(inertia, solved)
     plan = plan_of(matrix, tuple(range(len(q), len(matrix))))
     accelerations, impulses = solve_motion(plan, matrix, motion.bias, solved)
     multipliers = least_norm(constraints, kept, impulses[: len(kept)])
-    laws = StatedLaws(q, v, time, parameters, lagrangian, forces, momenta, extra, bias, mass, constraints)
     structure = find_structure(statement, laws, accelerations, first_order)
     prescribed = {leaf: translate(value) for leaf, value in statement.prescribed}
     prescribed |= zip(map(acceleration_of, statement.coordinates), accelerations, strict=True)
@@ -464,18 +449,11 @@ def mass_matrix(momenta: Sequence[Node], v: Sequence[Node]) -> tuple[tuple[Node,
     return tuple(tuple(rows[max(i, j)][min(i, j)] for j in range(n)) for i in range(n))
 
 
-def check_inertia(
-    names: Sequence[str],
-    mass: Sequence[Sequence[Node]],
-    constraints: ConstraintEquations,
-    first_order: Sequence[int] = (),
-) -> None:
+def check_inertia(names: Sequence[str], laws: StatedLaws, first_order: Sequence[int]) -> None:
     """Raise StatementError for a coordinate whose rows of M and G^T are zero, unless its index is in `first_order`."""
-    for i, (name, row) in enumerate(zip(names, mass, strict=True)):
-        if i in first_order:
-            continue
-        alone = all(line[i] is line[i].graph.zero for line in constraints.gradient)
-        if alone and all(entry is entry.graph.zero for entry in row):
+    for i, (name, row) in enumerate(zip(names, laws.mass, strict=True)):
+        column = (line[i] for line in laws.constraints.gradient)
+        if i not in first_order and all(entry is entry.graph.zero for entry in (*column, *row)):
             raise StatementError(no_inertia(name))
 
 

@@ -255,7 +255,7 @@ def test_scenes_have_dimensions(tmp_path: Path) -> None:
     path.write_text(text)
     assert str(lg.System.from_scene(path).statement.dimensions[lg.coordinate("theta")]) == "a number"
     path.write_text(text.replace("l**2*theta_dot", "l*theta_dot"))
-    with pytest.raises(lg.SceneError, match=r"s\.toml:8:2: the kinetic energy has the term l\*m\*theta_dot\*\*2/2, whose"):
+    with pytest.raises(lg.SceneError, match=r"s\.toml:8:2: the kinetic energy has the term l\*m\*theta_dot\*\*2/2"):
         lg.System.from_scene(path)
     path.write_text(text + 'q = "kg"\n')
     with pytest.raises(lg.SceneError, match=r"s\.toml:11:1: 'q' is not a symbol of this scene"):

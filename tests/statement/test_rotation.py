@@ -206,7 +206,7 @@ def test_a_scene_names_entries_and_rates(tmp_path: Path) -> None:
     assert np.allclose(run[R.body][:, 0], [0.2, 0, 0])
     assert "J*R_body_x_dot - k*R_zy = 0" in lg.System.from_scene(tmp_path / "top.toml").derivation().text()
     (tmp_path / "bad.toml").write_text(SCENE.replace('["R"]', '"R"'))
-    with pytest.raises(lg.SceneError, match=r"rotations is not a list of names"):
+    with pytest.raises(lg.SceneError, match=r"rotations must be a list of names"):
         lg.System.from_scene(tmp_path / "bad.toml")
     (tmp_path / "bad.toml").write_text(SCENE.replace('["R"]', '["R", "R"]'))
     with pytest.raises(lg.SceneError, match=r"rotations names 'R' twice"):

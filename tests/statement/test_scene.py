@@ -103,9 +103,9 @@ FIELDS: list[Bad] = [
     ({"constraints": ["theta = 1"]}, 11, 23, "for an equation or a comparison write =="),
     ({"constraints": ["theta - q"]}, 11, 25, "constraints[0]: 'q' is not declared"),
     # coordinates
-    ({"coordinates": DROP}, 1, 1, 'coordinates is missing or is not a list of names: write coordinates = ["theta"].'),
-    ({"coordinates": []}, 2, 15, "coordinates is missing or is not a list of names"),
-    ({"coordinates": ["theta", 3]}, 2, 25, "a coordinate is an integer: give its name as a text."),
+    ({"coordinates": DROP}, 1, 1, 'there are no coordinates: write coordinates = ["theta"].'),
+    ({"coordinates": []}, 2, 15, "there are no coordinates"),
+    ({"coordinates": ["theta", 3]}, 2, 15, "coordinates must be a list of names"),
     ({"coordinates": ["theta", "theta"]}, 2, 25, "'theta' cannot name a coordinate, because it is a coordinate"),
     ({"coordinates": ["x", "x_dot"]}, 2, 21, "'x_dot' cannot name a coordinate, because it is taken: x_dot"),
     # energies

@@ -310,7 +310,7 @@ MISTAKES = [
     ("points = [0, 1,", "points = [1, 0,", "the points of the table over x - 1 go from 1 to 0: give points that rise."),
     ("multiplier(wall)", "multiplier(2)", "multiplier takes the name of a constraint, as in multiplier(rod)."),
     ("coordinates =", "evaluate = 1\ncoordinates =", "evaluate is an integer: write true or false."),
-    ("coordinates =", 'functions = "U"\ncoordinates =', 'functions is not a list of names: write functions = ["U"].'),
+    ("coordinates =", 'functions = "U"\ncoordinates =', 'functions must be a list of names: write functions = ["U"].'),
 ]
 
 

@@ -19,6 +19,7 @@ from lagrange.errors import SceneError, StatementError, listing, shown
 from lagrange.statement.contact import Contact, along, contact, impact_speed
 from lagrange.statement.coordinate import (
     acceleration_of,
+    check_name,
     check_symbol,
     coordinate_of,
     name_of,
@@ -39,7 +40,6 @@ from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.toml_document import LARGEST_FILE, LARGEST_STORED, Document, dotted, kind_of
 from lagrange.statement.scene.unevaluated import UnevaluatedExpressions
 from lagrange.statement.statement import REFUSE, Statement
-from lagrange.statement.vocabulary.letters import NAME
 
 KEYS = (
     *("name", "about", "source", "coordinates", "kinetic", "potential", "lagrangian", "forces", "dissipation"),
@@ -292,27 +292,29 @@ class SceneReader:
 
         `turning` are the names of these entries.
         """
-        names = self.data.get("coordinates", [] if turning else None)
-        if not isinstance(names, list) or not (names or turning):
-            self.document.refuse(
-                'coordinates is missing or is not a list of names: write coordinates = ["theta"].', "coordinates"
-            )
+        names = self.names("coordinates", "theta")
+        if not (names or turning):
+            self.document.refuse('there are no coordinates: write coordinates = ["theta"].', "coordinates")
         known: list[str] = []
         for i, name in enumerate(names):
-            if not isinstance(name, str):
-                self.document.refuse(f"a coordinate is {kind_of(name)}: give its name as a text.", "coordinates", i)
             self.check_free(name, "coordinate", known, "coordinates", i)
             known.append(name)
         return known
 
+    def names(self, key: str, example: str) -> list[str]:
+        """Return the list of names at a key of the scene, empty if the key is missing. `example` is one name."""
+        names = self.data.get(key, [])
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            self.document.refuse(f'{key} must be a list of names: write {key} = ["{example}"].', key)
+        return names
+
     def rotations(self) -> list[Rotation]:
         """Return the rotations that the scene names; the entries of their quaternions are coordinates."""
-        names = self.data.get("rotations", [])
-        if not isinstance(names, list) or not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
-            self.document.refuse('rotations is not a list of names: write rotations = ["R"].', "rotations")
+        names = self.names("rotations", "R")
         if repeated := [name for name in names if names.count(name) > 1]:
             self.document.refuse(f"rotations names {repeated[0]!r} twice: name each rotation once.", "rotations")
-        return [rotation_of(name) for name in names]
+        with self.document.located("rotations"):
+            return [rotation_of(check_name(name, "rotation")) for name in names]
 
     def parameters(self, coordinates: Mapping[str, Any]) -> dict[str, float | None]:
         """Return {name: value} of the parameters; the value is None if the scene leaves it open."""
@@ -349,9 +351,7 @@ class SceneReader:
 
         `names` maps identifiers to SymPy objects, and `given_names` those of given functions of time.
         """
-        functions = self.data.get("functions", [])
-        if not isinstance(functions, list) or not all(isinstance(name, str) for name in functions):
-            self.document.refuse('functions is not a list of names: write functions = ["U"].', "functions")
+        functions = self.names("functions", "U")
         for i, name in enumerate(functions):
             self.check_free(name, "function", names, "functions", i)
         reader: Expressions = (
