@@ -113,8 +113,6 @@ def declare(
     force_table, drag = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
     fields = _drawn(positions, links, surfaces, survey) | declare_contacts(contacts, simultaneous, survey, checked)
     _check_constraints(checked, chosen, redundant)
-    if undeclared := [q for q in survey.coordinates if q not in chosen]:
-        raise StatementError(coordinate_or_given(name_of(undeclared[0]), [*by_name]))
     check_given(survey, by_name)
     known, unify = _parameters(parameters, survey, by_name, friction_names(fields["contacts"]))
     statement = Statement(

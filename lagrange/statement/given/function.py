@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -63,8 +63,13 @@ def coordinate_or_given(name: str, coordinates: Sequence[str]) -> str:
     )
 
 
-def check_given(survey: Survey, coordinates: Collection[str]) -> None:
-    """Raise StatementError for given functions whose name is taken, or whose tables have no time in common."""
+def check_given(survey: Survey, coordinates: Mapping[str, Any]) -> None:
+    """Raise StatementError for a function of time that is neither one of the `coordinates`, by name, nor a given one.
+
+    It is also raised for given functions whose name is taken, or whose tables have no time in common.
+    """
+    if undeclared := [q for q in survey.coordinates if coordinates.get(name_of(q)) != q]:
+        raise StatementError(coordinate_or_given(name_of(undeclared[0]), [*coordinates]))
     names: dict[str, Any] = {}
     for function in survey.given:
         name = name_of(function)
