@@ -37,7 +37,9 @@ class Translator:
                 continue
             build = _BUILD.get(type(part)) or _BUILD.get(part.func)
             if build is None:
-                raise StatementError(f"{type(part).__name__} in {formula(part, 80)!r} is not supported.")
+                raise StatementError(
+                    f"{type(part).__name__} in {formula(part, 80)!r} is not supported: write it without this part."
+                )
             done[part] = build(self.graph, *(done[arg] for arg in _operands(part)))
         return done[expression]
 

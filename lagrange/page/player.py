@@ -283,7 +283,9 @@ def animate(
     if path is not None:
         _writable(path)
     if not len(solution.t):
-        raise StatementError("there is nothing to animate: the run ended before the first of its output times.")
+        raise StatementError(
+            "there is nothing to animate: the run ended before the first of its output times. Its message says why."
+        )
     chosen = timing((float(solution.t[0]), float(solution.t[-1])), DEFAULT_FPS if fps is None else fps, speed)
     with np.errstate(all="ignore"):
         recording = recording_of(solution, chosen)

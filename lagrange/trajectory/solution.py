@@ -415,4 +415,6 @@ class Solution:
 
     def _check_output(self) -> None:
         if not len(self.t):
-            raise StatementError("the run has no output: it ended before the first of its output times.")
+            raise StatementError(
+                "the run has no output: it ended before the first of its output times. Its message says why."
+            )

@@ -335,7 +335,9 @@ def plot(
     look, dpi = style_of(style), max(DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI), DPI)
     for run in runs:
         if not len(run.t):
-            raise StatementError("there is nothing to plot: the run ended before the first of its output times.")
+            raise StatementError(
+                "there is nothing to plot: the run ended before the first of its output times. Its message says why."
+            )
     _check_alike(runs)
     names = labels_of(runs, labels)
     items = [*what] if isinstance(what, (list, tuple)) else [what]

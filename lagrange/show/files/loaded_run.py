@@ -64,7 +64,9 @@ def arrays_of(path: str | os.PathLike[str], most: float) -> dict[str, Any]:
     except StatementError:
         raise
     except OSError as error:
-        raise StatementError(f"{_named(path)} cannot be read ({error.strerror or error}).") from error
+        raise StatementError(
+            f"{_named(path)} cannot be read ({error.strerror or error}): check the path and its permissions."
+        ) from error
     except UNREADABLE as error:
         reason = str(error) or type(error).__name__
         raise StatementError(f"{_named(path)} is not a file that solution.to_npz wrote ({reason[:120]}).") from error
