@@ -296,14 +296,16 @@ def with_outputs(
 class Hoisted:
     """Values of programs that depend on parameters alone. They follow the parameters in the array p of length `size`.
 
-    `program` computes these values. Solutions of linear systems are not among them, because factors are not numbers.
+    `program` computes these values, and then whether any of them by which formulas divide, results of `divisors`, is
+    zero. `kept` has for each of the `programs` the indices of its values in p, by the index of the instruction that
+    computes the value. Solutions of linear systems are not among the values, because factors are not numbers.
     """
 
-    def __init__(self, programs: Sequence[Program], parameters: int) -> None:
-        self._kept: dict[Program, dict[int, int]] = {}
-        self._merged: dict[Program, dict[int, int]] = {}
+    def __init__(self, programs: Sequence[Program], parameters: int, divisors: Program | None) -> None:
+        self.kept: dict[Program, dict[int, int]] = {}
         merged: dict[Instruction, int] = {}
         indices: dict[int, int] = {}
+        tested: dict[int, None] = {}
         for program in programs:
             table: dict[int, int] = {}
             for i, instruction in enumerate(program.instructions[: program.hoisted]):
@@ -313,31 +315,19 @@ class Hoisted:
             read = [
                 arg for i, instruction in enumerate(program.instructions) if i not in table for arg in instruction.args
             ]
-            kept = {}
+            kept = self.kept[program] = {}
             for i in dict.fromkeys((*read, *program.outputs)):
                 if i in table and program.instructions[i].op not in ("constant", "parameter", *FLAGS):
                     kept[i] = indices.setdefault(table[i], parameters + len(indices))
-            self._kept[program], self._merged[program] = kept, table
-        self.size, self.parameters = parameters + len(indices), parameters
-        outputs = tuple(indices)
-        self.program = with_outputs(Program("prepare", (), parameters, (), 0, (), (), (0,)), tuple(merged), outputs)
-
-    def zeros(self, program: Program) -> list[Instruction]:
-        """Return instructions that test for zero the results of `program` that depend on parameters alone.
-
-        The caller appends them to the instructions of `self.program`, which compute these results. The first
-        one is the number zero, each other one a comparison of a result with it.
-        """
-        zero, table = len(self.program.instructions), self._merged[program]
-        results = dict.fromkeys(table[ref] for ref in program.outputs if ref in table)
-        return [Instruction("constant", value=0.0), *(Instruction("equal", (ref, zero)) for ref in results)]
-
-    def kept(self, program: Program) -> Mapping[int, int]:
-        """Return the indices in the array p of those values of a program that depend on parameters alone.
-
-        Keys are the indices of the instructions that compute the values.
-        """
-        return self._kept.get(program, {})
+            if program is divisors:
+                tested = dict.fromkeys(table[ref] for ref in program.outputs if ref in table)
+        self.size, zero = parameters + len(indices), len(merged)
+        code = tuple(merged)
+        if divisors is not None:
+            tests = (Instruction("equal", (ref, zero)) for ref in tested)
+            code = (*merged, Instruction("constant", value=0.0), *tests)
+        outputs = (*indices, *range(zero + 1, len(code)))
+        self.program = with_outputs(Program("prepare", (), parameters, (), 0, (), (), (0,)), code, outputs)
 
 
 def checked(program: Program, divisors: Program) -> Program:
@@ -408,7 +398,7 @@ class PrintedFunctions:
                 name: checked(program, self.divisors) for name, program in self.programs.items() if name in SOLVED
             }
         listed = [*self.programs.values(), *([self.divisors] if self.divisors else [])]
-        self.hoisted = Hoisted(listed, len(module.parameters))
+        self.hoisted = Hoisted(listed, len(module.parameters), self.divisors)
         stated = (*module.state, *module.parameters, *module.names.entries)
         taken = [
             *language.reserved,
@@ -422,17 +412,15 @@ class PrintedFunctions:
     def quantity(self, quantity: ExportedQuantity) -> PrintedFunction:
         """Return the printed function that computes an exported quantity, and writes its values into `out`."""
         program = self.programs[quantity.name]
-        printer = StraightLinePrinter(program, self.language, self.names.of(program), self.hoisted.kept(program))
+        printer = StraightLinePrinter(program, self.language, self.names.of(program), self.hoisted.kept[program])
         return self._function(printer, "out", range(len(quantity.results)))
 
     def prepare(self) -> PrintedFunction:
         """Return the printed function that writes the parameters, and all values that depend on them alone, into p."""
         hoisted, count = self.hoisted, len(self.module.parameters)
-        tests = hoisted.zeros(self.divisors) if self.divisors else []
-        code = (*hoisted.program.instructions, *tests)
-        outputs = (*hoisted.program.outputs, *range(len(hoisted.program.instructions) + 1, len(code)))
-        program = with_outputs(hoisted.program, code, outputs)
-        printer = StraightLinePrinter(program, self.language, self.names.of(program), parameters="parameters")
+        printer = StraightLinePrinter(
+            hoisted.program, self.language, self.names.of(hoisted.program), parameters="parameters"
+        )
         printer.lines += [self._stored("p", k, printer.element("parameters", k)) for k in range(count)]
         return self._function(printer, "p", range(count, hoisted.size))
 

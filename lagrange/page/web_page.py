@@ -288,15 +288,12 @@ def slider_groups(sliders: Sequence[Slider], page: FoldedFormulas) -> str:
         ("Start", states, bool(chosen) or len(rest) > OPEN_SLIDERS),
     ]
     units = any(slider.unit or slider.angle for slider in sliders)
-    written = (
-        (title, folded, "".join(_slider(index, slider, page, units=units) for index, slider in rows))
-        for title, rows, folded in groups
-        if rows
-    )
-    return "".join(
-        f"<details{'' if folded else ' open'}><summary>{title}</summary>\n{inside}</details>\n"
-        for title, folded, inside in written
-    )
+    text = ""
+    for title, rows, folded in groups:
+        if rows:
+            inside = "".join(_slider(index, slider, page, units=units) for index, slider in rows)
+            text += f"<details{'' if folded else ' open'}><summary>{title}</summary>\n{inside}</details>\n"
+    return text
 
 
 def _slider(index: int, slider: Slider, page: FoldedFormulas, *, units: bool) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 from sympy import Add, Derivative
@@ -51,7 +51,7 @@ class BookOrder:
         self.typed: frozenset[Any] = frozenset()
         """Sums and products of an answer, whose signs are kept, too."""
         self._statement = statement
-        self._factors: dict[Any, Key] = {}
+        self.factor = cache(self._key)  # the same factors occur often
 
     @cached_property
     def sums(self) -> frozenset[Any]:
@@ -77,13 +77,8 @@ class BookOrder:
         """Return True if a factor is printed after a fraction of constants: a function, or a factor with variables."""
         return self.moves(factor) or bool(self.factor(factor)[0] >= ACCELERATION)
 
-    def factor(self, factor: Any) -> Key:
-        """Return the sort key of a factor. Keys are cached, because the same factors occur often."""
-        if factor not in self._factors:
-            self._factors[factor] = self._key(factor)
-        return self._factors[factor]
-
     def _key(self, factor: Any) -> Key:
+        """Return the sort key of a factor."""
         base, exponent = factor.as_base_exp()
         if function := given_function(base):
             return (ACCELERATION, 1, base.derivative_count if base.is_Derivative else 0, 0, function)
