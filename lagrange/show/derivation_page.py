@@ -10,13 +10,10 @@ from html import escape
 from itertools import groupby
 from typing import Any, ClassVar
 
-from lagrange.equations.derivation import Derivation
 from lagrange.show.notation.formula import FormulaLine, LineWriter
 from lagrange.show.notation.latex_mathml import LatexNotation, MathmlNotation
-from lagrange.show.notation.sections import Formula, Section, ShownQuantity, sections
+from lagrange.show.notation.sections import Formula, Section, ShownQuantity
 from lagrange.show.notation.text import GREEK, Notation, UnicodeNotation, latex_text, markdown_text, plain_text, width
-from lagrange.show.terminal import DETAILS, FORMATS
-from lagrange.statement.expression import one_of
 from lagrange.statement.statement import Statement
 
 INDENT = "    "
@@ -56,34 +53,6 @@ LEFT_OUT = {"full": (), "short": ("Positions and velocities", "Coordinate", "Mat
 
 ALONE = "Equations of motion"
 """Section whose formulas are each printed on a line of their own in LaTeX; others have short ones side by side."""
-
-
-def render(
-    derivation: Derivation,
-    style: str = "text",
-    remarks: Sequence[str] = (),
-    detail: str = "full",
-    heading: Heading = NO_HEADING,
-) -> str:
-    """Return the derivation: the statement, L, each coordinate, equations of motion, accelerations and energy.
-
-    With constraints the equations of motion contain the multipliers and are followed by the constraints. The
-    multipliers are solved for together with the accelerations.
-
-    - `style` is "text", where formulas are spelled as in a scene file, "unicode", "latex", a complete document,
-      "markdown", with formulas between dollar signs, or "html", a complete page with MathML.
-    - `remarks` are sentences on conserved quantities and constraints.
-    - `detail` is "full", or "short" for the statement, L, the equations and the accelerations.
-    - `heading` is text above a LaTeX document.
-
-    A part that is too large is replaced by a sentence that says so. Raises StatementError for any other style or
-    detail.
-    """
-    one_of(style, FORMATS, "{given} is not a format of a derivation; they are {known}.")
-    left_out = LEFT_OUT[one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")]
-    page: Page = PAGES[style](derivation.statement, heading)
-    shown = [section for section in sections(derivation) if section.heading not in left_out]
-    return page.write([*shown, *([Section("Remarks", tuple(remarks))] if remarks else [])])
 
 
 class Page(ABC):

@@ -14,7 +14,7 @@ import lagrange as lg
 from lagrange.mechanics import plain_form
 from lagrange.mechanics.grading import one_change, slips, term_difference
 from lagrange.mechanics.grading.student_equations import read_equations
-from lagrange.show.derivation_page import NO_HEADING, PAGES, render
+from lagrange.show.derivation_page import NO_HEADING, PAGES
 from lagrange.show.notation.sections import sections
 from tests.covering import Share
 from tests.mechanics.answered_systems import answered, oscillator, pulley
@@ -53,7 +53,7 @@ def test_printed_equations_are_read_back(name: str, style: str) -> None:
 @pytest.mark.parametrize("name", ["pendulum", "cartesian-pendulum", "atwood-machine"])
 def test_a_whole_derivation_is_an_answer(name: str, style: str) -> None:
     system = shared_scene(name)
-    assert system.compare(render(system.derivation(), style))
+    assert system.compare(system.derivation().written(style))
 
 
 def test_below_a_heading_of_a_whole_derivation_a_wrong_term_is_named() -> None:

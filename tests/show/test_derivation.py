@@ -10,8 +10,7 @@ from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.equations import derivation as equations
-from lagrange.equations.derivation import Derivation, derive
-from lagrange.show.derivation_page import render
+from lagrange.show.notebook.shown_derivation import ShownDerivation, written_derivation
 from lagrange.show.terminal import FORMATS
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
@@ -22,8 +21,8 @@ m, g, l, k, c = parameters("m g l k c")
 theta, x = coordinates("theta x")
 
 
-def cart() -> Derivation:
-    return derive(
+def cart(*remarks: str) -> ShownDerivation:
+    return written_derivation(
         declare(
             kinetic=m * (x.dot**2 + (l + x) ** 2 * theta.dot**2) / 2,
             potential=-m * g * (l + x) * cos(theta) + k * x**2 / 2,
@@ -33,12 +32,13 @@ def cart() -> Derivation:
             name="elastic pendulum",
             about="A swinging spring.",
             source="A book.",
-        )
+        ),
+        remarks,
     )
 
 
 def test_forces_and_dissipation_have_their_place() -> None:
-    page = render(cart(), "text", ["The energy is not conserved."])
+    page = cart("The energy is not conserved.").text()
     assert page.startswith("elastic pendulum\n\nStated\n    A swinging spring.\n    Source: A book.\n    T = ")
     for lines in (
         "    Q_x = sin(t)\n    D = c*theta_dot**2/2\n",
@@ -54,7 +54,7 @@ def test_forces_and_dissipation_have_their_place() -> None:
 
 
 def test_markdown_page_has_its_formulas_between_dollars() -> None:
-    page = render(cart(), "markdown", ["a_b is *odd*"])
+    page = cart("a_b is *odd*").markdown()
     assert page.startswith("# elastic pendulum\n\n## Stated\n\nA swinging spring\\.\n")
     assert "## Coordinate $x$\n\n$$\np_x = \\frac{\\partial L}{\\partial \\dot{x}} = m \\dot{x}\n$$\n" in page
     assert page.count("$$") % 2 == 0
@@ -62,20 +62,20 @@ def test_markdown_page_has_its_formulas_between_dollars() -> None:
 
 
 def test_a_lagrangian_is_shown_as_stated() -> None:
-    page = render(derive(declare(lagrangian=m * x.dot**2 / 2 - k * x**2 / 2)))
+    page = written_derivation(declare(lagrangian=m * x.dot**2 / 2 - k * x**2 / 2)).text()
     assert "Stated\n    L = m*x_dot**2/2 - k*x**2/2\n" in page
     assert "V =" not in page and "Remarks" not in page
 
 
 def test_what_is_too_large_is_said_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(equations, "BUDGET", 3)
-    page = render(cart(), "text")
+    page = cart().text()
     assert "Equations of motion\n    Not written out: elastic pendulum is too large for the equations of motion" in page
     assert "Q_x = sin(t)" in page
 
 
 def test_unknown_format_is_refused() -> None:
-    assert refusal(render, cart(), "markdwon") == (
+    assert refusal(cart().written, "markdwon") == (
         "'markdwon' is not a format of a derivation; they are text, unicode, latex, markdown and html. Did you mean "
         "'markdown'?"
     )
@@ -93,9 +93,8 @@ def test_names_are_never_commands(style: str) -> None:
     qs = [coordinate(name) for name in HOSTILE_NAMES]
     words = [parameters(f"{name}_par") for name in HOSTILE_NAMES]
     kinetic: Any = sum(word * q.dot**2 for word, q in zip(words, qs, strict=True))
-    page = render(
-        derive(declare(kinetic=kinetic, coordinates=qs, name="a\\input{b}$_c", about="\\write18{x} *y* \x1b[0m")), style
-    )
+    statement = declare(kinetic=kinetic, coordinates=qs, name="a\\input{b}$_c", about="\\write18{x} *y* \x1b[0m")
+    page = written_derivation(statement).written(style)
     assert "\x1b" not in page
     if style in ("latex", "markdown"):
         commands = set(re.findall(r"\\([A-Za-z]+)", page.replace("\\\\", "")))
@@ -105,7 +104,7 @@ def test_names_are_never_commands(style: str) -> None:
 
 def test_every_style_holds_every_section() -> None:
     for style in FORMATS:
-        page = render(cart(), style, ["Found."])
+        page = cart("Found.").written(style)
         headings = ["Stated", "Lagrangian", "Coordinate", "Equations of motion", "Matrix form", "Accelerations"]
         headings += ["Energy", "Remarks"]
         assert [page.index(heading) for heading in headings] == sorted(page.index(heading) for heading in headings)
@@ -114,9 +113,9 @@ def test_every_style_holds_every_section() -> None:
 # --- constraints -------------------------------------------------------------------------------------------------
 
 
-def constrained(name: str = "rod", **more: Any) -> Derivation:
+def constrained(name: str = "rod", **more: Any) -> ShownDerivation:
     y = coordinate("y")
-    return derive(
+    return written_derivation(
         declare(
             kinetic=m * (x.dot**2 + y.dot**2) / 2,
             potential=m * g * y,
@@ -129,7 +128,7 @@ def constrained(name: str = "rod", **more: Any) -> Derivation:
 
 
 def test_constraints_are_stated_and_follow_the_equations() -> None:
-    page = render(constrained())
+    page = constrained().text()
     assert "    V = m*g*y\n    f_rod = x**2 + y**2 - l**2\n    f_slide = x_dot - c*y_dot\n" in page
     assert (
         "Equations of motion\n"
@@ -148,14 +147,14 @@ def test_a_sum_that_a_constraint_keeps_constant_is_written_as_the_constant() -> 
 
 
 def test_multipliers_have_their_constraint_for_an_index() -> None:
-    page = render(constrained(), "latex")
+    page = constrained().latex()
     assert r" f_{\mathrm{rod}} = x^2 + y^2 - l^2, \qquad " in page
     assert r"\[ m \ddot{x} = 2 \lambda_{\mathrm{rod}} x + \lambda_{\mathrm{slide}} \]" in page
-    assert r"\lambda_{\mathrm{rod}} = " in render(constrained(), "markdown")
+    assert r"\lambda_{\mathrm{rod}} = " in constrained().markdown()
 
 
 def test_a_constraint_may_have_the_name_of_a_coordinate() -> None:
-    page = render(constrained("x"), "latex")
+    page = constrained("x").latex()
     assert r"f_x = " in page and r"2 \lambda_x x" in page
 
 

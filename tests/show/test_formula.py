@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import sys
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -13,7 +14,6 @@ from sympy import Abs, Float, Function, Max, Piecewise, Rational, cos, exp, log,
 
 import lagrange as lg
 from lagrange.page.document import filled
-from lagrange.show.derivation_page import render
 from lagrange.show.notation.formula import LineWriter
 from lagrange.show.notation.latex_mathml import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import READABLE, Formula, ShownQuantity
@@ -253,7 +253,7 @@ def test_a_simple_point_is_shown_beside_others() -> None:
 
 
 def test_html_folds_and_speaks_no_markup_of_the_statement() -> None:
-    page = render(shared_scene("chain-of-springs").derivation(), "html", ["a < b & c"])
+    page = replace(shared_scene("chain-of-springs").derivation(), remarks=("a < b & c",)).html()
     assert page.startswith("<!doctype html>") and page.endswith("</html>\n")
     assert "<p>a &lt; b &amp; c</p>" in page
     assert "<details open><summary>Energy</summary>" in page and "http" not in page.replace(
@@ -263,7 +263,7 @@ def test_html_folds_and_speaks_no_markup_of_the_statement() -> None:
 
 @pytest.mark.slow
 def test_html_folds_what_is_long() -> None:
-    assert "<details><summary>" in render(shared_scene("spinning-top").derivation(), "html")
+    assert "<details><summary>" in shared_scene("spinning-top").derivation().html()
 
 
 @pytest.mark.parametrize(

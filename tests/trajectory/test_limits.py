@@ -151,7 +151,7 @@ SLOW: dict[str, tuple[str, Callable[[], Any]]] = {
     "reading bob": ("lagrange.system.equations_of", lambda: lg.System(lg.coordinate("u").dot ** 2, name="bob")),
     "compiling pendulum": ("lagrange.compiler.quick_check", lambda: lg.scene("pendulum").compile()),
     "deriving pendulum": (
-        "lagrange.show.notebook.shown_derivation.render",
+        "lagrange.show.derivation_page.TextPage.write",
         lambda: lg.scene("pendulum").derivation().text(),
     ),
     "deriving linear equations of pendulum": (

@@ -9,7 +9,7 @@ from typing import Any
 from lagrange.equations.derivation import Derivation
 from lagrange.equations.textbook_algebra import TextbookAlgebra
 from lagrange.errors import StatementError, counted
-from lagrange.show.derivation_page import LEFT_OUT, Heading, render
+from lagrange.show.derivation_page import LEFT_OUT, PAGES, Heading
 from lagrange.show.notation.sections import Formula, Section, ShownQuantity, sections, stated_formulas
 from lagrange.show.notation.text import markdown_text, plain_text
 from lagrange.show.notebook.page_writer import (
@@ -24,7 +24,7 @@ from lagrange.show.notebook.page_writer import (
     listed,
     operations,
 )
-from lagrange.show.terminal import DETAILS, terminal_style
+from lagrange.show.terminal import DETAILS, FORMATS, terminal_style
 from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.display import announced
@@ -148,12 +148,23 @@ class ShownDerivation(Derivation):
         """Return the derivation in a style: "text", "unicode", "latex", "markdown" or "html".
 
         The default style is "unicode" if standard output is a terminal that supports it, else "text". `above` are the
-        texts above the derivation: title, author, date and problem. Raises StatementError for another style.
+        texts above the derivation: title, author, date and problem. A part that is too large is replaced by a sentence
+        that says so. Raises StatementError for another style.
         """
         heading = Heading(**{field: text(value, field) for field, value in above.items()})
         chosen = terminal_style() if style is None else style
+        one_of(chosen, FORMATS, "{given} is not a format of a derivation; they are {known}.")
         with announced("deriving", self.statement.name):
-            return render(self, chosen, self.remarks, self.detail, heading)
+            page: str = PAGES[chosen](self.statement, heading).write([*self._sections(), *self._remarks()])
+            return page
+
+    def _sections(self) -> Iterator[Section]:
+        """Yield the sections at this level of detail, without the remarks."""
+        return (section for section in sections(self) if section.heading not in LEFT_OUT[self.detail])
+
+    def _remarks(self) -> list[Section]:
+        """Return a list with the section of the remarks; empty if there are none."""
+        return [Section("Remarks", self.remarks)] if self.remarks else []
 
     def __str__(self) -> str:
         return self.written()
@@ -166,7 +177,17 @@ class ShownDerivation(Derivation):
 
     def _repr_markdown_(self) -> str:
         with announced("deriving", self.statement.name):
-            return joined(_parts(self), INSTEAD)
+            return joined(self._parts(), INSTEAD)
+
+    def _parts(self) -> Iterator[Part]:
+        """Yield the parts of the page in a notebook: name, sections and remarks."""
+        writer = PageWriter(self.statement)
+        yield "the name", bold(self.statement.name)
+        if (size := operations(self.statement)) > MOST_SHOWN_OPERATIONS:
+            yield "", left_out("The derivation", f"it starts from {size} operations, which takes long", INSTEAD)
+        else:
+            yield from ((section.heading, _section(section, writer)) for section in self._sections())
+        yield from (("the remarks", _section(section, writer)) for section in self._remarks())
 
 
 def written_derivation(statement: Statement, remarks: tuple[str, ...] = (), detail: str = "full") -> ShownDerivation:
@@ -175,20 +196,6 @@ def written_derivation(statement: Statement, remarks: tuple[str, ...] = (), deta
     `remarks` are sentences on it; `detail` is "full" or "short". Raises StatementError for any other detail.
     """
     return ShownDerivation(statement, TextbookAlgebra(statement), remarks, detail)
-
-
-def _parts(derivation: ShownDerivation) -> Iterator[Part]:
-    statement = derivation.statement
-    writer = PageWriter(statement)
-    yield "the name", bold(statement.name)
-    if (size := operations(statement)) > MOST_SHOWN_OPERATIONS:
-        yield "", left_out("The derivation", f"it starts from {size} operations, which takes long", INSTEAD)
-    else:
-        for section in sections(derivation):
-            if section.heading not in LEFT_OUT[derivation.detail]:
-                yield section.heading, _section(section, writer)
-    if derivation.remarks:
-        yield "the remarks", _section(Section("Remarks", derivation.remarks), writer)
 
 
 def _section(section: Section, writer: PageWriter) -> str:
