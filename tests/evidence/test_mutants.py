@@ -227,11 +227,6 @@ def injected(mutant: Mutant) -> Iterator[None]:
         yield
 
 
-def test_there_are_enough_mutants() -> None:
-    assert len(MUTANTS) >= 60
-    assert len({mutant.name for mutant in MUTANTS}) == len(MUTANTS)
-
-
 @pytest.mark.few(5)
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name.replace(" ", "-"))
 def test_mutant_is_caught(mutant: Mutant) -> None:

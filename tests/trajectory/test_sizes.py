@@ -290,16 +290,6 @@ def test_a_coordinate_that_a_constraint_holds_at_zero_takes_no_steps() -> None:
     assert tries <= fewest + 2
 
 
-@pytest.mark.slow
-def test_members_in_lanes_are_not_limited_by_rounding() -> None:
-    """Members in lanes reached the step limit, because their tolerances did not follow the rounding errors."""
-    system, start, end = net(2, 2)
-    entries: dict[str, Any] = dict.fromkeys(system.compile().layout.names(), 1e-17)
-    starts = {**entries, str(next(iter(start)).func): np.linspace(-0.31, -0.29, 3)}
-    result = lg.ensemble(system, end, initial=starts, method="dop853", max_steps=5000)
-    assert (result.status == lg.Status.SUCCESS).all()
-
-
 def test_the_message_names_the_entry_that_limits_the_step() -> None:
     """Before, the message advised a larger max_steps, or radau5."""
     x, y = lg.coordinates("x y")
