@@ -250,10 +250,7 @@ class FlowEngine:
     side_by_side = 1  # members run one by one
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
-        """Run members from the initial values `starts`, and return their results.
-
-        `stopped` is a function without arguments: when it returns True, no further member begins.
-        """
+        """Run members from the initial values `starts` until `stopped()` is True, and return their results."""
         alone, (_, t1) = self.alone, self.alone.span
         reached: list[FloatArray] = []
         for i in range(len(starts)):

@@ -19,7 +19,7 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.program.step import Control, StepProgram, TracedVector, trace
 from lagrange.trajectory.methods.explicit import runge_kutta_step
-from lagrange.trajectory.methods.implicit import backward_euler
+from lagrange.trajectory.methods.implicit import BACKWARD_EULER
 from lagrange.trajectory.methods.splitting import SymplecticEuler, VelocityVerlet, splitting_step
 from lagrange.trajectory.tableaux.explicit import EULER, MIDPOINT, RK4, dop853, dopri5
 from tests.mechanisms.random_mechanisms import SEEDS, compiled, initial_state
@@ -135,7 +135,7 @@ def implicit(function: Callable[..., Any], **options: Any) -> StepProgram:
 
 
 def test_an_implicit_step_is_recorded() -> None:
-    step = implicit(backward_euler)
+    step = implicit(BACKWARD_EULER)
     (solve,) = step.solves
     assert solve.count == 1 and len(solve.calls) == len(solve.preparation) == 1 and not step.calls
     assert dict(solve.residuals[0])[solve.first].data == -1

@@ -282,10 +282,7 @@ class SolverPlan:
         return SolverDriver(self, GuardedRhs(self.problem, self.package, parameters, deadline))
 
     def watch(self, problem: Problem, driver: SolverDriver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return the watcher, which searches the steps of the run for events; None if the problem has no events.
-
-        `memory` is the memory of the watcher in a former run by this driver, which is used again, or None.
-        """
+        """Return the watcher, which searches the steps of the run for events; None if the problem has no events."""
         return StepWatch(problem, self._latest, fixed=False, memory=memory) if problem.events else None
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
@@ -293,11 +290,7 @@ class SolverPlan:
         return SampledPath(times, states, StepInterpolants(self.interpolants, len(self.interpolants) - len(times) + 1))
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PiecewisePath:
-        """Return the dense output of the run, made of the solver's own paths over the steps, with jumps at resets.
-
-        `times` (S+1,) and `states` (S+1, 2n) are the accepted states. `watch` has the resets, or is None without
-        events.
-        """
+        """Return the dense output of the run, made of the solver's own paths over the steps, with jumps at resets."""
         jumps = set() if watch is None else set(watch.breaks.since(0)[0].tolist())
         steps = iter(self.interpolants)
         # At a reset, which takes no time, the path is constant.

@@ -118,53 +118,14 @@ def _program(
     return trace(name, function, law=law, implicit=True, control=control, starter=first)
 
 
-def backward_euler(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Return the state at t + h, after a step from y at t along the slope f(t + h, y_new) at its end.
-
-    `solve(residuals, guess)` returns this slope, the unknown for which `residuals` is zero.
-    """
-    k = solve(lambda k: f(t + h, y + k * h) - k, lambda: f(t, y))
-    return y + k * h
-
-
 def trapezoidal(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
     """Return the state at t + h, after a step from y at t along the mean of the slopes f at both ends.
 
-    `solve(residuals, guess)` returns the slope at the end, the unknown for which `residuals` is zero.
+    The slope at the end is the unknown.
     """
     first = f(t, y)
     k = solve(lambda k: f(t + h, y + (first + k) * (h / 2)) - k, first)
     return y + (first + k) * (h / 2)
-
-
-def implicit_midpoint(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Return the state at t + h, after a step from y at t along the slope f at its midpoint.
-
-    `solve(residuals, guess)` returns this slope, the unknown for which `residuals` is zero.
-    """
-    k = solve(lambda k: f(t + h / 2, y + k * (h / 2)) - k, lambda: f(t, y))
-    return y + k * h
-
-
-@built_in("backward-euler")
-def BackwardEuler(step: float | None = None) -> ImplicitMethod:
-    """Return the backward Euler method, order 1, which damps fast components."""
-    return ImplicitMethod("backward-euler", Claims(1, a_stable=True, explicit=False), backward_euler, step=step)
-
-
-@built_in("trapezoidal")
-def Trapezoidal(step: float | None = None) -> ImplicitMethod:
-    """Return the trapezoidal rule, order 2."""
-    return ImplicitMethod(
-        "trapezoidal", Claims(2, symmetric=True, a_stable=True, explicit=False), trapezoidal, step=step
-    )
-
-
-@built_in("implicit-midpoint")
-def ImplicitMidpoint(step: float | None = None) -> ImplicitMethod:
-    """Return the implicit midpoint rule, order 2."""
-    claims = Claims(2, symplectic=True, symmetric=True, a_stable=True, explicit=False)
-    return ImplicitMethod("implicit-midpoint", claims, implicit_midpoint, step=step)
 
 
 Abscissa = float | Fraction
@@ -254,10 +215,7 @@ class Collocation:
     c: tuple[Abscissa, ...]
 
     def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-        """Return the state at t + h after a step from y at t, where f(t, y) is the slope of the state.
-
-        solve(residuals, guess) returns the unknowns at which the residuals are zero.
-        """
+        """Return the state at t + h after a step from y at t."""
 
         def residuals(*slopes: Any) -> tuple[Any, ...]:
             stages = [y + weighted(row, slopes) * h for row in self.A]
@@ -272,7 +230,8 @@ def weighted(weights: Sequence[Abscissa], vectors: Sequence[Any]) -> Any:
     return sum(vector * weight for weight, vector in zip(weights, vectors, strict=True))
 
 
-GAUSS2, GAUSS3 = (Collocation(*gauss_tableau(stages)) for stages in (2, 3))
+BACKWARD_EULER = Collocation(*collocation_tableau([Fraction(1)]))
+MIDPOINT, GAUSS2, GAUSS3 = (Collocation(*gauss_tableau(stages)) for stages in (1, 2, 3))
 STARTER = Collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
 """Radau's step of 2 stages, order 3, with equal steps: the first step of methods that use two previous states."""
 
@@ -280,12 +239,32 @@ STARTER = Collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
 def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Callable[..., Any]) -> Any:
     """Return the state at t + h after a step of the formula BDF2 from y at t and the state `before` at t - h.
 
-    The parabola through the three states has the slope f(t + h, y_new) at its end. `solve(residuals, guess)` returns
-    the unknown slope, for which `residuals` is zero.
+    The parabola through the three states has the slope f(t + h, y_new) at its end, which is the unknown.
     """
     base = (y * 4 - before) / 3
     k = solve(lambda k: f(t + h, base + k * (h * Fraction(2, 3))) - k, lambda: f(t, y))
     return base + k * (h * Fraction(2, 3))
+
+
+@built_in("backward-euler")
+def BackwardEuler(step: float | None = None) -> ImplicitMethod:
+    """Return the backward Euler method, order 1, which damps fast components."""
+    return ImplicitMethod("backward-euler", Claims(1, a_stable=True, explicit=False), BACKWARD_EULER, step=step)
+
+
+@built_in("trapezoidal")
+def Trapezoidal(step: float | None = None) -> ImplicitMethod:
+    """Return the trapezoidal rule, order 2."""
+    return ImplicitMethod(
+        "trapezoidal", Claims(2, symmetric=True, a_stable=True, explicit=False), trapezoidal, step=step
+    )
+
+
+@built_in("implicit-midpoint")
+def ImplicitMidpoint(step: float | None = None) -> ImplicitMethod:
+    """Return the implicit midpoint rule, order 2."""
+    claims = Claims(2, symplectic=True, symmetric=True, a_stable=True, explicit=False)
+    return ImplicitMethod("implicit-midpoint", claims, MIDPOINT, step=step)
 
 
 @built_in("gauss2")

@@ -27,29 +27,10 @@ Momenta = Callable[..., tuple[Any, Any]]
 """The law p, f = g(t, q, v)."""
 
 
-def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Return (q, v) at t + h after a step whose discrete action is h L at its midpoint and mean velocity.
-
-    The step begins with q and v at time t. `g(t, q, v)` returns the momenta and forces. solve(residuals, guess)
-    returns the unknowns at which the residuals are zero: the mean velocity and the velocity at the end.
-    """
-    before, _ = g(t, q, v)
-
-    def residuals(mean: Any, end: Any) -> tuple[Any, Any]:
-        p, f = g(t + h / 2, q + mean * (h / 2), mean)
-        after, _ = g(t + h, q + mean * h, end)
-        return before + f * (h / 2) - p, before + f * h - after
-
-    mean, end = solve(residuals, (v, v))
-    return q + mean * h, end
-
-
 def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
     """Return (q, v) at t + h after a step whose discrete action is the mean of h L at both ends.
 
-    L is taken at the mean velocity of the step. `g(t, q, v)` returns the momenta dL/dv and the forces that change
-    them. `solve(residuals, guess)` returns the unknowns at which the residuals are zero: here the mean velocity and
-    the velocity at the end.
+    L is taken at the mean velocity of the step, which is unknown like the velocity at the end.
     """
     before, _ = g(t, q, v)
 
@@ -68,7 +49,7 @@ class Galerkin:
     """The step function that integrates q' = v and p' = f with the Runge-Kutta tableau A, b, c of s stages.
 
     p are the momenta and f the forces. With the tableau of Gauss's method, q is a polynomial of degree s on the step,
-    and the action of this polynomial is integrated with s points.
+    and the action of this polynomial is integrated with s points. With one stage the action is h L at the midpoint.
     """
 
     A: tuple[tuple[Abscissa, ...], ...]
@@ -76,10 +57,7 @@ class Galerkin:
     c: tuple[Abscissa, ...]
 
     def __call__(self, g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-        """Return (q, v) at t + h after a step from q and v at t; g(t, q, v) returns the momenta and forces.
-
-        solve(residuals, guess) returns the unknowns at which the residuals are zero.
-        """
+        """Return (q, v) at t + h after a step from q and v at t."""
         A, b, c = self.A, self.b, self.c
         before, _ = g(t, q, v)
 
@@ -96,7 +74,7 @@ class Galerkin:
         return q + weighted(b, inner) * h, end
 
 
-GALERKIN4, GALERKIN6 = (Galerkin(*gauss_tableau(stages)) for stages in (2, 3))
+VARIATIONAL_MIDPOINT, GALERKIN4, GALERKIN6 = (Galerkin(*gauss_tableau(stages)) for stages in (1, 2, 3))
 
 _, WEIGHTS, NODES = gauss_tableau(5)
 DISCRETE_GRADIENT = Galerkin(tuple(tuple(node * weight for weight in WEIGHTS) for node in NODES), WEIGHTS, NODES)
@@ -120,7 +98,7 @@ def _method(
 @built_in("variational-midpoint")
 def VariationalMidpoint(step: float | None = None) -> ImplicitMethod:
     """Return the variational midpoint rule, order 2, symplectic for any mass matrix."""
-    return _method("variational-midpoint", 2, variational_midpoint, step, symplectic=True, a_stable=True)
+    return _method("variational-midpoint", 2, VARIATIONAL_MIDPOINT, step, symplectic=True, a_stable=True)
 
 
 @built_in("variational-trapezoid")
@@ -165,11 +143,7 @@ class LobattoPair:
     conjugate: tuple[tuple[Abscissa, ...], ...]
 
     def __call__(self, g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-        """Return the coordinates and velocities at t + h after a step from q and v at time t.
-
-        g(t, q, v, lambda) returns momenta, forces, constraint forces, phi, and psi = dphi/dt. solve(residuals, guess)
-        returns the unknowns at which the residuals are zero.
-        """
+        """Return (q, v) at t + h after a step from q and v at t."""
         b, count = self.b, len(self.b)
         none = q * 0
         before, *_ = g(t, q, v, none)
@@ -208,9 +182,7 @@ RATTLE, LOBATTO4 = (LobattoPair(*lobatto_pair(stages)) for stages in (2, 3))
 def constrained_midpoint(g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
     """Return (q, v) at t + h after a step of the variational midpoint rule, with phi = 0 at both ends.
 
-    The discrete action of the step is h L at its midpoint and mean velocity. g(t, q, v, lambda) returns momenta,
-    forces, constraint forces, phi, and psi = dphi/dt. solve(residuals, guess) returns the unknowns at which the
-    residuals are zero.
+    The discrete action of the step is h L at its midpoint and mean velocity.
     """
     none = q * 0
     before, *_ = g(t, q, v, none)
