@@ -10,7 +10,6 @@ import numpy as np
 
 from lagrange.algorithm.constants import SMALL_FLOOR
 from lagrange.graph.differentiate import gradient
-from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState
 from lagrange.program.switching import switch
 from lagrange.statement.run_settings import COMPILE_SECONDS
@@ -22,7 +21,7 @@ from lagrange.trajectory.outputs import WrittenStates
 from lagrange.trajectory.sizes import raise_to_noise, slopes_of
 from lagrange.trajectory.tableaux.butcher import moved
 from lagrange.trajectory.tableaux.explicit import dopri5
-from lagrange.trajectory.trajectory import FloatArray, Status
+from lagrange.trajectory.trajectory import Status
 
 LAST_ROWS = 64
 """Number of last accepted states that are tested for sticking."""
@@ -38,46 +37,31 @@ def stuck(
 ) -> EventResult | None:
     """Return the end of a run at time t if its last accepted states stick to a switching surface, else None.
 
-    States stick if the motion returns to the surface from both sides. `parts` are blocks of accepted states; the last
-    `rows` states of the last block are tested. `covered` is the time by which the run advanced since the last test.
+    States stick if the motion returns to the surface from both sides, within the time `covered`, by which the run
+    advanced since the last test. `parts` are blocks of accepted states; the last `rows` states of the last block are
+    tested.
     """
     switched = switch(problem.model.equations.graph, problem.model.equations.accelerations)
     if not switched.stated:
         return None
-    last = parts[-1].times[-rows:], np.ascontiguousarray(parts[-1].states[-rows:].T)
-    which = _led_back(problem, switched.stated, last, covered)
-    if which is None:
-        return None
-    surface = problem.model.equations.express(switched.expressions[which])
-    return sliding(problem.model.statement.quote(surface), t)
-
-
-def _led_back(
-    problem: Problem, nodes: tuple[Node, ...], last: tuple[FloatArray, FloatArray], covered: float
-) -> int | None:
-    """Return the index of a surface to which the motion returns from both sides at all last states, or None.
-
-    `nodes` are the expressions that are zero on the surfaces. `last` has times (k,) and states (2n, k). To test the
-    other side, each state is mirrored at the surface. A state counts only if its motion reaches the surface within
-    the time `covered`.
-    """
-    times, states = last
-    equations, count = problem.model.equations, len(nodes)
+    times, states = parts[-1].times[-rows:], np.ascontiguousarray(parts[-1].states[-rows:].T)
+    equations, nodes, count = problem.model.equations, switched.stated, len(switched.stated)
     slopes = tuple(slope for node in nodes for slope in gradient(node, (*equations.q, *equations.v)))
     kernel = problem.model.function("surfaces", (*nodes, *rates(equations, nodes), *slopes))
+    duration = covered * np.sign(problem.t1 - problem.t0)
     with np.errstate(all="ignore"):
         values = kernel(times, states, problem.parameter_array)
         for which in range(count):
             g, rise = values[which], values[count + which]
             first = 2 * count + which * len(states)
             slope = values[first : first + len(states)]
+            # The other side is tested at the states mirrored at the surface.
             mirrored = states - 2 * g * slope / (slope**2).sum(axis=0)
-            beyond = kernel(times, mirrored, problem.parameter_array)[[which, count + which]]
-            (other, rise_there), duration = beyond, covered * np.sign(problem.t1 - problem.t0)
+            other, rise_there = kernel(times, mirrored, problem.parameter_array)[[which, count + which]]
             near = (np.abs(g) <= np.abs(rise * duration)) & (g * other < 0)
             back = (g * rise * duration < 0) & (other * rise_there * duration < 0)
             if (g != 0).any() and (near & back)[g != 0].all():
-                return which
+                return sliding(problem.model.statement.quote(equations.express(switched.expressions[which])), t)
     return None
 
 

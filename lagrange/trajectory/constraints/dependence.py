@@ -56,9 +56,16 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
             continue
         # A state on the constraint surface is compared with a nearby state off it.
         off = tried[1] if state is y else state
-        dependent = _vanishing(model, t, off, reached, parameters) or _rows(model, t, reached, parameters)
-        if dependent is None:
-            return None
+        gradient, off_gradient = (residuals_of(model).gradient(t, place, parameters) for place in (reached, off))
+        vanishing = np.flatnonzero(np.abs(gradient).max(axis=1) < VANISHING_RATIO * np.abs(off_gradient).max(axis=1))
+        if len(vanishing):
+            # A squared constraint, such as x**2 = 0, has a gradient that vanishes where it holds.
+            dependent: Singular | None = Singular(0.0, rows=((int(vanishing[0]), 1.0),))
+        else:
+            # Masses do not matter here, so the metric is the identity.
+            dependent = least_regular(np.eye(gradient.shape[1]), gradient)
+            if dependent is None or not dependent.rows or not dependent.regularity <= DEPENDENT:
+                return None
         first = dependent if first is None else first
     return first
 
@@ -111,25 +118,6 @@ def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArr
     if dependent is not None:
         allowed = model.statement.redundant != REFUSE
         raise StatementError(dependent_everywhere(residuals_of(model).names, dependent, allowed=allowed))
-
-
-def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return the constraints whose rows of G are dependent at a state (2n,), or None if all are independent."""
-    gradient = residuals_of(model).gradient(t, y, parameters)
-    # Masses do not matter here, so the metric is the identity.
-    dependent = least_regular(np.eye(gradient.shape[1]), gradient)
-    return dependent if dependent is not None and dependent.rows and dependent.regularity <= DEPENDENT else None
-
-
-def _vanishing(model: Model, t: float, off: FloatArray, on: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return a constraint whose gradient is much smaller at the state `on` than at the state `off`, or None.
-
-    Both are (2n,). `on` is on the constraints, and `off` is near it. A squared constraint, such as x**2 = 0, has such
-    a gradient.
-    """
-    off_sizes, on_sizes = (np.abs(residuals_of(model).gradient(t, y, parameters)).max(axis=1) for y in (off, on))
-    which = np.flatnonzero(on_sizes < VANISHING_RATIO * off_sizes)
-    return Singular(0.0, rows=((int(which[0]), 1.0),)) if len(which) else None
 
 
 SHORT_STEP = 0.1

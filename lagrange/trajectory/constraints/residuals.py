@@ -10,7 +10,7 @@ import numpy as np
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.evaluate import term_sizes
 from lagrange.graph.node import Binding, Node
-from lagrange.machine.backend import FloatArray, Kernel
+from lagrange.machine.backend import FloatArray, Kernel, one_state
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
 from lagrange.program.switching import switch
@@ -103,12 +103,9 @@ class ConstraintResiduals:
         """
         if self._corners is not None and self.at_corner(t, y, parameters) is not None:
             return False
-        quick = self._residuals.quick(parameters)
-        quick_result = None if quick is None else quick.whole(t, y)
-        if quick_result is None:
-            quick_result = self._residuals(t, y, parameters)
-        half = len(quick_result) // 2
-        return bool((np.abs(quick_result[:half]) <= ON_SURFACE * quick_result[half:]).all())
+        results = one_state(self._residuals, parameters)(t, y)
+        half = len(results) // 2
+        return bool((np.abs(results[:half]) <= ON_SURFACE * results[half:]).all())
 
     def worst(self, t: float, y: FloatArray, parameters: FloatArray) -> tuple[str, float]:
         """Return the text of the constraint that a state y (2n,) violates most, and its violation.

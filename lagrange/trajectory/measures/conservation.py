@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import RunError
-from lagrange.machine.backend import quickly
+from lagrange.machine.backend import one_state, quickly
 from lagrange.machine.model import Model
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem
@@ -94,9 +94,7 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
 
 def energy(problem: Problem, y: FloatArray) -> float:
     """Return the energy of a state (2n,), with time and parameters as at the start of the run."""
-    kernel, parameters = problem.model.kernel("energy"), problem.parameter_array
-    quick_result = quickly(kernel, parameters, problem.t0, y)
-    return float(kernel(problem.t0, y, parameters) if quick_result is None else quick_result)
+    return float(one_state(problem.model.kernel("energy"), problem.parameter_array)(problem.t0, y))
 
 
 def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
