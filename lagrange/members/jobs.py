@@ -20,7 +20,7 @@ import numpy as np
 
 from lagrange.errors import RunError, StatementError, counted, listing, shown
 from lagrange.members.lanes import LaneEngine, lane_engine
-from lagrange.members.results import INTERRUPTED, Column, Ends, Keep, Results, Starts, Stopped
+from lagrange.members.results import INTERRUPTED, Column, Keep, Results, Starts, Stopped
 from lagrange.members.singly import BY_FLOW, BY_NUMPY, Explained, FlowEngine, RunEngine
 from lagrange.members.table import MemberTable
 from lagrange.statement.expression import whole_number
@@ -99,7 +99,7 @@ class ChunkResult:
     another process compiled the code. It is "" for chunks of this process, and for runs without compiled code.
     """
 
-    ends: Ends
+    ends: Results
     seconds: float
     form: str
     side_by_side: int
@@ -336,7 +336,7 @@ class ResultCollector:
     """
 
     processor: str
-    store: Callable[[int, Ends], None]
+    store: Callable[[int, Results], None]
     before: int
     ran: int = 0
     report: Callable[[float], None] | None = None

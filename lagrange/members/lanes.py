@@ -44,8 +44,8 @@ from lagrange.members.results import (
     STATUSES,
     SUCCESS,
     TIME,
-    Ends,
     Reduction,
+    Results,
     Starts,
     Stopped,
     event_states,
@@ -269,7 +269,7 @@ class LaneEngine:
         """The number of members that run at the same time: the lanes of a vector."""
         return self.compiled.code.lanes
 
-    def run(self, starts: Starts, stopped: Stopped) -> Ends:
+    def run(self, starts: Starts, stopped: Stopped) -> Results:
         """Run a chunk of members from the initial values `starts`, and return their results.
 
         `stopped` is not used: machine code does not stop, and chunks are short.
@@ -309,7 +309,7 @@ class LaneEngine:
         doubtful = (codes == UNDECIDED) | self.unexplained(starts, states, times, codes)
         if alone.model.conservative:
             doubtful |= ((codes == SUCCESS) | (codes == EVENT)) & energies.moved
-        ends = Ends({column.name: columns[column.name] for column in alone.columns})
+        ends = Results({column.name: columns[column.name] for column in alone.columns})
         return alone.again(starts, ends, np.flatnonzero(doubtful))
 
     def complete(self, outputs: FloatArray, output_times: FloatArray, states: FloatArray, times: FloatArray) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, count
@@ -355,32 +355,25 @@ class Starts:
         return Starts(self.states[which], self.parameters if shared else self.parameters[which])
 
 
-@dataclass(frozen=True, eq=False)
-class Ends:
-    """The results of m members: `columns` by name, each with m rows. `Keep.columns` defines them.
-
-    `messages` maps the index of each member that did not succeed, counted in this chunk, to the message of its run.
-    """
-
-    columns: Mapping[str, Any]
-    messages: dict[int, str] = field(default_factory=dict)
-
-    @property
-    def members(self) -> int:
-        """The number m of members."""
-        return len(next(iter(self.columns.values())))
-
-
 Stopped = Callable[[], bool]
 """Callback that returns True if no further member may begin."""
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """The results of all members of an ensemble in memory: arrays by column name, and messages by member index."""
+    """The results of m members, of a chunk or of an ensemble in memory: `columns` by name, each with m rows.
+
+    `Keep.columns` defines the columns. `messages` maps the index of each member that did not succeed, counted from the
+    first of the m members, to the message of its run.
+    """
 
     columns: dict[str, Any]
     messages: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def members(self) -> int:
+        """The number m of members."""
+        return len(next(iter(self.columns.values())))
 
     @classmethod
     def empty(cls, members: int, columns: Sequence[Column]) -> Results:
@@ -398,12 +391,12 @@ class Results:
     @property
     def left(self) -> Sequence[tuple[int, int]]:
         """The bounds (first, end) of all members as one block, since no member has results at the start."""
-        return [(0, len(next(iter(self.columns.values()))))]
+        return [(0, self.members)]
 
     def close(self) -> None:
         """Do nothing: arrays need no closing."""
 
-    def take(self, first: int, ends: Ends) -> None:
+    def take(self, first: int, ends: Results) -> None:
         """Copy the results `ends` of a chunk of members to the rows from `first` on."""
         for name in sorted(ends.columns, key=STATUS.__eq__):
             rows = ends.columns[name]

@@ -20,8 +20,8 @@ from lagrange.members.results import (
     SUCCESS,
     TIME,
     Column,
-    Ends,
     Keep,
+    Results,
     SampledRun,
     Starts,
     Stopped,
@@ -141,17 +141,17 @@ class RunEngine:
 
     side_by_side = 1  # members run one by one
 
-    def run(self, starts: Starts, stopped: Stopped) -> Ends:
+    def run(self, starts: Starts, stopped: Stopped) -> Results:
         """Run members one by one from the initial values `starts`, and return their results.
 
         If a run refuses its initial values, its member gets the error message as result. `stopped` is a function
         without arguments: when it returns True, no further member begins, and the results have only the rows of
         finished members.
         """
-        ends = Ends({column.name: column.empty(len(starts)) for column in self.columns})
+        ends = Results.empty(len(starts), self.columns)
         for i in range(len(starts)):
             if stopped():
-                return Ends({name: rows[:i] for name, rows in ends.columns.items()}, ends.messages)
+                return Results({name: rows[:i] for name, rows in ends.columns.items()}, ends.messages)
             start = starts.of(slice(i, i + 1))
             try:
                 run = self.alone(start)
@@ -165,7 +165,7 @@ class RunEngine:
                 ends.messages[i] = run.message
         return ends
 
-    def again(self, starts: Starts, ends: Ends, which: NDArray[np.intp]) -> Ends:
+    def again(self, starts: Starts, ends: Results, which: NDArray[np.intp]) -> Results:
         """Run the members with indices `which` again, replace their results in `ends`, and return `ends`."""
         if not len(which):
             return ends
@@ -249,7 +249,7 @@ class FlowEngine:
 
     side_by_side = 1  # members run one by one
 
-    def run(self, starts: Starts, stopped: Stopped) -> Ends:
+    def run(self, starts: Starts, stopped: Stopped) -> Results:
         """Run members from the initial values `starts` until `stopped()` is True, and return their results."""
         alone, (_, t1) = self.alone, self.alone.span
         reached: list[FloatArray] = []
@@ -262,7 +262,7 @@ class FlowEngine:
         if alone.model.conservative:
             doubtful |= energies_of(alone.model, done, states, alone.span).moved
         columns = {STATE: states, TIME: np.full(len(done), t1), STATUS: np.full(len(done), SUCCESS, dtype=np.uint8)}
-        ends = Ends({column.name: columns[column.name] for column in alone.columns})
+        ends = Results({column.name: columns[column.name] for column in alone.columns})
         return alone.again(done, ends, np.flatnonzero(doubtful))
 
     def end(self, start: Starts) -> FloatArray:

@@ -21,7 +21,7 @@ import numpy as np
 
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.members.jobs import Job
-from lagrange.members.results import INTERRUPTED, OUTPUT_TIME, OUTPUTS, STATE, STATUS, STATUSES, Ends, Results
+from lagrange.members.results import INTERRUPTED, OUTPUT_TIME, OUTPUTS, STATE, STATUS, STATUSES, Results
 from lagrange.members.store_description import (
     BLOCK,
     CHECKSUM,
@@ -356,7 +356,7 @@ class StoredResults:
         """Release the lock of the store."""
         self._lock.close()
 
-    def take(self, first: int, ends: Ends) -> None:
+    def take(self, first: int, ends: Results) -> None:
         """Store the results `ends` of a chunk of members, which are all in one block. A complete block is written.
 
         `first` is the index of the first member.

@@ -56,7 +56,7 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
             continue
         # A state on the constraint surface is compared with a nearby state off it.
         off = tried[1] if state is y else state
-        gradient, off_gradient = (residuals_of(model).gradient(t, place, parameters) for place in (reached, off))
+        gradient, off_gradient = (residuals_of(model).gradient(t, point, parameters) for point in (reached, off))
         vanishing = np.flatnonzero(np.abs(gradient).max(axis=1) < VANISHING_RATIO * np.abs(off_gradient).max(axis=1))
         if len(vanishing):
             # A squared constraint, such as x**2 = 0, has a gradient that vanishes where it holds.
