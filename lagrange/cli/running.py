@@ -165,7 +165,12 @@ def ensemble(request: argparse.Namespace) -> Answer:
     """Run a scene from many initial states or with many parameters, and report how the runs ended."""
     run_arguments = start(request)
     axes, out = _axes(request.vary), _target(request)
-    _check_members(axes, out)
+    members = math.prod(values for _, _, values in axes.values())
+    if members > MOST_WITHOUT_STORE and (out is None or out.suffix.lower() != STORE):
+        raise StatementError(
+            f"--vary gives {members:.3g} members, which run for minutes to days: give --out runs{STORE}, a folder from "
+            f"which the same command goes on when it is interrupted, or at most {MOST_WITHOUT_STORE:,} members."
+        )
     points = count("--points", request.points)
     system = load_scene(request)
     fixed = {**run_arguments["initial"], **run_arguments["parameters"]}
@@ -224,19 +229,6 @@ def _target(request: argparse.Namespace) -> Path | None:
 
 MOST_WITHOUT_STORE = 10_000_000
 """Largest number of members without a store: the fastest takes minutes, and cannot be continued later."""
-
-
-def _check_members(axes: dict[str, tuple[float, float, int]], out: Path | None) -> None:
-    """Raise StatementError for more than `MOST_WITHOUT_STORE` members, unless `out` is a folder that stores them.
-
-    `axes` has (low, high, count) of each varied quantity by name.
-    """
-    members = math.prod(count for _, _, count in axes.values())
-    if members > MOST_WITHOUT_STORE and (out is None or out.suffix.lower() != STORE):
-        raise StatementError(
-            f"--vary gives {members:.3g} members, which run for minutes to days: give --out runs{STORE}, a folder from "
-            f"which the same command goes on when it is interrupted, or at most {MOST_WITHOUT_STORE:,} members."
-        )
 
 
 def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped: bool) -> str:

@@ -122,103 +122,100 @@ has a value."""
 ENERGY_ERROR = 1e-10  # Largest accepted error of the energy, relative to its size and that of its terms
 
 
-def margin(model: Model, parameters: FloatArray, states: FloatArray, row: int, energy: float) -> FloatArray:
-    """Return a discriminant (k,) at states (2n, k): positive where the velocity in `row` can reach the energy.
+@dataclass(frozen=True, eq=False)
+class EnergyLevel:
+    """The states of a model with the energy `energy`, which determines the velocity in row `row` of the state.
 
-    The energy is a v^2 + b v + c in this velocity v, and the discriminant is b^2 - 4 a (c - `energy`).
+    For most systems the energy is a quadratic function of this velocity. `parameters` (k,) are those of the model.
     """
-    a, b, c = _quadratic(model, parameters, states, row)
-    return np.asarray(b * b - 4 * a * (c - energy))
 
+    model: Model
+    parameters: FloatArray
+    row: int
+    energy: float
 
-def _quadratic(
-    model: Model, parameters: FloatArray, states: FloatArray, row: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a, b and c, (k,) each: the energy at states (2n, k) is a v^2 + b v + c in the velocity v in row `row`.
+    def margin(self, states: FloatArray) -> FloatArray:
+        """Return a discriminant (k,) at states (2n, k): positive where the velocity can reach the energy.
 
-    They are NaN where the energy has no value.
-    """
-    middle = _energy(model, parameters, states, row, 0.0)
-    a = b = np.full_like(middle, np.nan)
-    for probe in PROBES:
-        below, above = (_energy(model, parameters, states, row, v) for v in (-probe, probe))
-        with np.errstate(invalid="ignore"):
-            a, b = ((above + below) / 2 - middle) / probe**2, (above - below) / 2 / probe
-        if np.isfinite(a).all():
-            break
-    return a, b, middle
+        The energy is a v^2 + b v + c in this velocity v, and the discriminant is b^2 - 4 a (c - `energy`).
+        """
+        a, b, c = self._quadratic(states)
+        return np.asarray(b * b - 4 * a * (c - self.energy))
 
+    def _quadratic(self, states: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return a, b and c, (k,) each: the energy at states (2n, k) is a v^2 + b v + c, NaN where it has no value."""
+        middle = self._energy(states, 0.0)
+        a = b = np.full_like(middle, np.nan)
+        for probe in PROBES:
+            below, above = (self._energy(states, v) for v in (-probe, probe))
+            with np.errstate(invalid="ignore"):
+                a, b = ((above + below) / 2 - middle) / probe**2, (above - below) / 2 / probe
+            if np.isfinite(a).all():
+                break
+        return a, b, middle
 
-def _energy(model: Model, parameters: FloatArray, states: FloatArray, row: int, v: float | FloatArray) -> FloatArray:
-    changed = states.copy()
-    changed[row] = v
-    q, rates = model.layout.split(changed)
-    return np.asarray(model.energy(q, rates, 0.0, parameters))
+    def _energy(self, states: FloatArray, v: float | FloatArray) -> FloatArray:
+        changed = states.copy()
+        changed[self.row] = v
+        q, rates = self.model.layout.split(changed)
+        return np.asarray(self.model.energy(q, rates, 0.0, self.parameters))
 
+    def reached(self, starts: FloatArray, event: Event | None) -> FloatArray:
+        """Return the starts (m, 2n) with the velocity replaced, so that each has the energy.
 
-def on_level(
-    model: Model, parameters: FloatArray, starts: FloatArray, row: int, energy: float, event: Event | None
-) -> FloatArray:
-    """Return the starts (m, 2n) with the velocity in row `row` replaced, so that each has the energy `energy`.
+        Two velocities are possible. The one that crosses the event in its direction is chosen, else the larger one.
+        Raises StatementError for a start whose other entries already have more energy.
+        """
+        states, row = np.ascontiguousarray(starts.T), self.row
+        a, b, c = self._quadratic(states)
+        square = np.asarray(b * b - 4 * a * (c - self.energy))
+        scale = b * b + np.abs(4 * a * (np.abs(c) + abs(self.energy)))
+        square = np.where(np.abs(square) <= 1e-15 * scale, 0.0, square)
+        outside = ~((a != 0) & (square >= 0))
+        if outside.any():
+            names, index = self.model.statement.state_names, int(np.argmax(outside))
+            entries = enumerate(zip(names, starts[index], strict=True))
+            others = ", ".join(f"{name} = {x:g}" for k, (name, x) in entries if k != row)
+            raise StatementError(
+                f"start {index} with {others} has the energy {c[index]:g} if {names[row]} is zero, so no {names[row]} "
+                f"gives energy = {self.energy:g}: give a start nearer to rest, or a larger energy."
+            )
+        first, second = (self._corrected(states, (-b + side * np.sqrt(square)) / (2 * a)) for side in (1.0, -1.0))
+        ordered = first[row] >= second[row]
+        larger, smaller = np.where(ordered, first, second), np.where(ordered, second, first)
+        if event is None or not event.direction:
+            return np.ascontiguousarray(larger.T)
+        slope, zeros = event.expression.diff(time_symbol), np.zeros(states.shape[1])
+        rates = [
+            self.model.evaluate_expression(slope, zeros, solution, self.parameters) * event.direction
+            for solution in (larger, smaller)
+        ]
+        return np.ascontiguousarray(np.where((rates[0] > 0) | (rates[1] <= 0), larger, smaller).T)
 
-    Two velocities are possible. The one that crosses the event in its direction is chosen, else the larger one.
-    Raises StatementError for a start whose other entries already have more energy.
-    """
-    states = np.ascontiguousarray(starts.T)
-    a, b, c = _quadratic(model, parameters, states, row)
-    square = b * b - 4 * a * (c - energy)
-    scale = b * b + np.abs(4 * a * (np.abs(c) + abs(energy)))
-    square = np.where(np.abs(square) <= 1e-15 * scale, 0.0, square)
-    outside = ~((a != 0) & (square >= 0))
-    if outside.any():
-        names, index = model.statement.state_names, int(np.argmax(outside))
-        entries = enumerate(zip(names, starts[index], strict=True))
-        others = ", ".join(f"{name} = {x:g}" for k, (name, x) in entries if k != row)
-        raise StatementError(
-            f"start {index} with {others} has the energy {c[index]:g} if {names[row]} is zero, so no {names[row]} "
-            f"gives energy = {energy:g}: give a start nearer to rest, or a larger energy."
-        )
-    roots = [(-b + side * np.sqrt(square)) / (2 * a) for side in (1.0, -1.0)]
-    solutions = [_corrected(model, parameters, states, row, energy, root) for root in roots]
-    ordered = solutions[0][row] >= solutions[1][row]
-    larger, smaller = np.where(ordered, *solutions), np.where(ordered, *solutions[::-1])
-    if event is None or not event.direction:
-        return np.ascontiguousarray(larger.T)
-    slope, zeros = event.expression.diff(time_symbol), np.zeros(states.shape[1])
-    rates = [
-        model.evaluate_expression(slope, zeros, solution, parameters) * event.direction
-        for solution in (larger, smaller)
-    ]
-    return np.ascontiguousarray(np.where((rates[0] > 0) | (rates[1] <= 0), larger, smaller).T)
+    def _corrected(self, states: FloatArray, v: FloatArray) -> FloatArray:
+        """Return states (2n, m) with the energy, whose velocity is corrected, starting from `v` (m,).
 
-
-def _corrected(
-    model: Model, parameters: FloatArray, states: FloatArray, row: int, energy: float, root: FloatArray
-) -> FloatArray:
-    """Return states (2n, m) with the energy `energy`: the velocity in `row` is corrected, starting from `root` (m,).
-
-    Raises StatementError if no such velocity is found.
-    """
-    v = root
-    for _ in range(ENERGY_CORRECTIONS):
-        step = 1e-6 * np.abs(v) + 1e-9
-        left = _energy(model, parameters, states, row, v) - energy
-        with np.errstate(all="ignore"):
-            ahead, behind = (_energy(model, parameters, states, row, v + side * step) for side in (1.0, -1.0))
-            moved = v - left * 2 * step / (ahead - behind)
-            # At smaller velocities the energy may have a value again.
-            v = np.where(np.isfinite(left), np.where(np.isfinite(moved) & (left != 0), moved, v), v / 2)
-    left = np.abs(_energy(model, parameters, states, row, v) - energy)
-    size = abs(energy) + np.abs(_energy(model, parameters, states, row, 0.0))
-    if not (left <= ENERGY_ERROR * size).all():
-        name, index = model.statement.state_names[row], int(np.argmax(~(left <= ENERGY_ERROR * size)))
-        raise StatementError(
-            f"no {name} was found with which start {index} has the energy {energy:g}: give {name} in starts, and leave "
-            "energy and solve_for out."
-        )
-    result = states.copy()
-    result[row] = v
-    return result
+        Raises StatementError if no such velocity is found.
+        """
+        for _ in range(ENERGY_CORRECTIONS):
+            step = 1e-6 * np.abs(v) + 1e-9
+            left = self._energy(states, v) - self.energy
+            with np.errstate(all="ignore"):
+                ahead, behind = (self._energy(states, v + side * step) for side in (1.0, -1.0))
+                moved = v - left * 2 * step / (ahead - behind)
+                # At smaller velocities the energy may have a value again.
+                v = np.where(np.isfinite(left), np.where(np.isfinite(moved) & (left != 0), moved, v), v / 2)
+        left = np.abs(self._energy(states, v) - self.energy)
+        wrong = ~(left <= ENERGY_ERROR * (abs(self.energy) + np.abs(self._energy(states, 0.0))))
+        if wrong.any():
+            name = self.model.statement.state_names[self.row]
+            raise StatementError(
+                f"no {name} was found with which start {int(np.argmax(wrong))} has the energy {self.energy:g}: give "
+                f"{name} in starts, and leave energy and solve_for out."
+            )
+        result = states.copy()
+        result[self.row] = v
+        return result
 
 
 MOST_SECTION_POINTS = 100_000_000
@@ -306,9 +303,9 @@ def section(
     passed = section_of(definition, model, runs.parameters)
     event = passed if isinstance(passed, Event) else None
     states = starts_of(model, starts, initial_of(model, None))
-    level, row = _level(model, energy, solve_for)
-    if level is not None and row is not None:
-        states = on_level(model, runs.parameters, states, row, level, event)
+    level = _level(runs, energy, solve_for)
+    if level is not None:
+        states = level.reached(states, event)
     check_room((len(states), count + dropped, model.layout.size))
     cross = Crosser(runs, passed, count + dropped, states, wait)
     orbits = [
@@ -327,8 +324,8 @@ def section(
         statuses=tuple(orbit.status for orbit in orbits),
         messages=tuple(orbit.message for orbit in orbits),
         axes=axes,
-        energy=level,
-        border=_border(runs, states[0], axes, level, row, orbits),
+        energy=None if level is None else level.energy,
+        border=_border(level, states[0], axes, orbits),
         drift=_drift(runs, states, orbits),
         status=status,
         message=message,
@@ -356,10 +353,11 @@ def check_room(shape: Sequence[int]) -> None:
         )
 
 
-def _level(model: Model, energy: Any, solve_for: Any) -> tuple[float | None, int | None]:
-    """Return the energy of the starts and the row of the velocity that follows from it, or (None, None) without one."""
+def _level(runs: Runs, energy: Any, solve_for: Any) -> EnergyLevel | None:
+    """Return the energy of the starts, with the velocity `solve_for` that follows from it, or None without one."""
+    model = runs.model
     if energy is None and solve_for is None:
-        return None, None
+        return None
     if energy is None or solve_for is None:
         raise StatementError(
             "give energy and solve_for together: the energy of all starts, and the velocity that follows from it, such "
@@ -368,7 +366,7 @@ def _level(model: Model, energy: Any, solve_for: Any) -> tuple[float | None, int
     row = row_of(model.statement, solve_for, "solve_for")
     if row < len(model.statement.coordinates):
         raise StatementError(f"solve_for is the coordinate {model.statement.names[row]}: give a velocity.")
-    return real_number(energy, "energy"), row
+    return EnergyLevel(model, runs.parameters, row, real_number(energy, "energy"))
 
 
 def drawn_axes(statement: Statement, event: Event | None) -> tuple[str, str]:
@@ -382,32 +380,26 @@ def drawn_axes(statement: Statement, event: Event | None) -> tuple[str, str]:
 
 
 def _border(
-    runs: Runs,
-    start: FloatArray,
-    axes: tuple[str, str],
-    energy: float | None,
-    row: int | None,
-    orbits: Sequence[Crossings],
+    level: EnergyLevel | None, start: FloatArray, axes: tuple[str, str], orbits: Sequence[Crossings]
 ) -> tuple[FloatArray, ...]:
     """Return the border lines (j, 2), in the plane of `axes`, of the region that the energy allows.
 
     There are lines only if the energy is prescribed, the state has four entries, and the velocity that follows from the
-    energy, in row `row`, is not one of the axes. `start` has the entries that are not drawn. The points of the orbits
-    `orbits` determine where the border is searched.
+    energy is not one of the axes. `start` has the entries that are not drawn. The points of the orbits `orbits`
+    determine where the border is searched.
     """
-    points = np.concatenate([orbit.states for orbit in orbits]) if orbits else np.empty((0, 0))
-    names = runs.model.statement.state_names
-    if energy is None or row is None or len(names) != 4 or len(points) < 2:
+    if level is None or len(start) != 4:
         return ()
-    columns = [names.index(name) for name in axes]
-    if row in columns:
+    points = np.concatenate([orbit.states for orbit in orbits]) if orbits else np.empty((0, 0))
+    columns = [level.model.statement.state_names.index(name) for name in axes]
+    if len(points) < 2 or level.row in columns:
         return ()
     low, high = points[:, columns].min(axis=0), points[:, columns].max(axis=0)
 
     def inside(a: FloatArray, b: FloatArray) -> FloatArray:
         states = np.repeat(start[:, None], len(a), axis=1)
         states[columns[0]], states[columns[1]] = a, b
-        return margin(runs.model, runs.parameters, states, row, energy)
+        return level.margin(states)
 
     for room in BORDER_ROOMS:
         beyond = room * (high - low) + 1e-12

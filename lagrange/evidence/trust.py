@@ -184,12 +184,23 @@ def sensitivity(
     parts = np.arange(PARTS) / PARTS
     begin = (starts[:, None] + lengths[:, None] * parts).ravel()
     h = np.repeat(lengths / PARTS, PARTS)
+    low, high, identity = min(marks[0], marks[-1]), max(marks[0], marks[-1]), np.eye(len(size))
+
+    def slope(times: FloatArray) -> FloatArray:
+        within = np.clip(times, low, high)
+        return np.moveaxis(model.jacobian(within, run.dense(within), parameters), -1, 0)
+
     with np.errstate(all="ignore"):
         growth, floor, rest = 1.0, UNIT_ROUNDING * float((np.abs(run.y[:, -1]) / unit).max()), np.eye(len(size))
         length = max(1, ENTRIES_AT_ONCE // len(size) ** 2)
         for first in reversed(range(0, len(h), length)):
             block = slice(first, first + length)
-            matrices = _transitions(model, run, parameters, begin[block], h[block])
+            k1, middle, last = (slope(begin[block] + share * h[block]) for share in (0.0, 0.5, 1.0))
+            width = h[block, None, None]
+            k2 = middle @ (identity + width / 2 * k1)
+            k3 = middle @ (identity + width / 2 * k2)
+            k4 = last @ (identity + width * k3)
+            matrices = identity + width / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
             states = np.abs(run.dense(begin[block])).T
             for matrix, state in zip(matrices[::-1], states[::-1], strict=True):
                 rest = rest @ matrix
@@ -197,28 +208,6 @@ def sensitivity(
                 floor = max(floor, UNIT_ROUNDING * float(((np.abs(rest) @ state) / unit).max()))
     finite = np.isfinite(rest).all()
     return Sensitivity(growth if finite else np.inf, floor if finite else np.inf)
-
-
-def _transitions(
-    model: Model, run: Trajectory, parameters: Mapping[Any, float], begin: FloatArray, h: FloatArray
-) -> FloatArray:
-    """Return the transition matrices d y(t + h) / d y(t) of N steps along a run, (N, 2n, 2n).
-
-    The steps begin at the times `begin` (N,) and have the lengths `h` (N,).
-    """
-
-    def slope(times: FloatArray) -> FloatArray:
-        return np.moveaxis(model.jacobian(times, run.dense(times), parameters), -1, 0)
-
-    low, high = np.sort((begin[0], begin[-1] + h[-1]))
-    first, middle, last = (slope(np.clip(begin + share * h, low, high)) for share in (0.0, 0.5, 1.0))
-    identity, width = np.eye(first.shape[1]), h[:, None, None]
-    k1 = first
-    k2 = middle @ (identity + width / 2 * k1)
-    k3 = middle @ (identity + width / 2 * k2)
-    k4 = last @ (identity + width * k3)
-    transitions: FloatArray = identity + width / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return transitions
 
 
 SAFETY = 10.0

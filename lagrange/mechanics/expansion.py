@@ -277,7 +277,13 @@ class _StatementExpansion:
     def statement(self) -> Statement:
         """Return the expanded statement; its description names the expansion."""
         stated = self.form.statement
-        self.check_constraints()
+        for constraint in stated.constraints:
+            residual = simplest(self.form.read(constraint.expression).xreplace(self.point.table))
+            if not self.point.is_zero(residual, ()):
+                raise StatementError(
+                    f"the point is not on the constraint {constraint.name!r}, which is "
+                    f"{formula(printable(residual), 80)} there and not zero: give values of all coordinates in it."
+                )
         table = {
             expression: self.expanded(expression, what, self.order)
             for expression, what in (
@@ -343,16 +349,6 @@ class _StatementExpansion:
                 raise StatementError(
                     f"{what} has no expansion about {self.point.where}: it has a corner or a jump where "
                     f"{formula(printable(edge), 60)} is zero, as at this point. Choose a point next to it."
-                )
-
-    def check_constraints(self) -> None:
-        """Raise StatementError for a point that is not on the constraints."""
-        for constraint in self.form.statement.constraints:
-            residual = simplest(self.form.read(constraint.expression).xreplace(self.point.table))
-            if not self.point.is_zero(residual, ()):
-                raise StatementError(
-                    f"the point is not on the constraint {constraint.name!r}, which is "
-                    f"{formula(printable(residual), 80)} there and not zero: give values of all coordinates in it."
                 )
 
     def check_inertia(self, lagrangian: Any) -> None:

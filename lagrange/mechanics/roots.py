@@ -275,10 +275,16 @@ def numeric_roots(
     """
     k, turning = len(start), np.array(angles, dtype=bool)
     scale = np.where(turning, 1.0, max(1.0, float(np.abs(start).max(initial=0.0))))
+    # The starts are `start`, zero, and random points: angles between -pi and pi, others of the order of their scale.
+    draw = np.random.default_rng(0)
+    sizes = scale[:, None] * 10.0 ** draw.uniform(-1.0, 1.0, STARTS)
+    turns = draw.uniform(-np.pi, np.pi, (k, STARTS))
+    starts = np.where(turning[:, None], turns, sizes * draw.normal(size=(k, STARTS)))
+    starts[:, 0], starts[:, 1] = start, 0.0
     scale = np.concatenate([scale, np.full(helpers, np.inf)])
     system = _NumericEquations(equations, unknowns)
     with np.errstate(all="ignore"):
-        x, good = system.newton(_starts(start, turning, scale[:k], helpers), scale)
+        x, good = system.newton(np.vstack([starts, np.zeros((helpers, STARTS))]), scale)
         residuals, slopes = system.at(x)
         largest, steepest = np.abs(residuals).max(axis=0), np.abs(slopes).max(axis=(1, 2))
         near = largest < WITHIN * steepest * (1 + np.abs(x).max(axis=0))
@@ -292,20 +298,6 @@ def numeric_roots(
             ends.append(root)
             flat.append(level)
     return sorted(ends, key=lambda end: [round(float(value), 6) for value in end])
-
-
-def _starts(start: FloatArray, is_angle: Any, magnitudes: FloatArray, helpers: int) -> FloatArray:
-    """Return starting points for Newton's method, the columns of an array (k + helpers, STARTS).
-
-    They are `start` (k,), zero, and random points: angles between -pi and pi, other unknowns of the order of their
-    `magnitudes` (k,). The last `helpers` unknowns start at zero.
-    """
-    draw, k = np.random.default_rng(0), len(start)
-    sizes = magnitudes[:, None] * 10.0 ** draw.uniform(-1.0, 1.0, STARTS)
-    turns = draw.uniform(-np.pi, np.pi, (k, STARTS))
-    starts = np.where(is_angle[:, None], turns, sizes * draw.normal(size=(k, STARTS)))
-    starts[:, 0], starts[:, 1] = start, 0.0
-    return np.vstack([starts, np.zeros((helpers, STARTS))])
 
 
 def _wrapped(x: FloatArray, turning: Any) -> FloatArray:

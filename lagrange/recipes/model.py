@@ -83,46 +83,6 @@ class NumbaFunction:
         return "<NumbaFunction: prepare(p), function(t, y, prepared) and fill(t, y, prepared, out)>"
 
 
-def numba_function(model: compiled.Model, quantity: str) -> NumbaFunction:
-    """Return a quantity as functions for Numba. Raises StatementError without Numba, and on the numpy target."""
-    kernel: Any = model.kernel(quantity)
-    address = kernel.address
-    try:
-        import numba
-    except ImportError as error:
-        raise missing("as_numba", "pip install numba", error) from error
-    _KEPT[address] = kernel
-    prepare_code, fill_code = _PREPARE(kernel.prepare_address), _FILL(address)
-    program, size = kernel.program, kernel.prepared_size
-    states, count, shape, k = program.states, math.prod(program.shape), program.shape, program.parameters
-
-    def prepare(p: Any) -> Any:
-        if p.size != k:
-            raise ValueError("p has a wrong number of entries: give one value for each parameter of the model")
-        prepared = np.zeros(size + 1)
-        prepared[:k] = p
-        prepared[size] = prepare_code(prepared.ctypes)
-        return prepared
-
-    def fill(t: Any, y: Any, prepared: Any, out: Any) -> Any:
-        if y.size != states or prepared.size != size + 1 or out.size != count:
-            raise ValueError("y, prepared or out has a wrong number of entries: give arrays of the sizes of the model")
-        singular = fill_code(t, y.ctypes, prepared.ctypes, out.ctypes) != 0
-        return singular or prepared[size] != 0.0
-
-    vector, result = numba.float64[::1], numba.types.Array(numba.float64, len(shape), "C")
-    made_fill = numba.njit(numba.boolean(numba.float64, vector, vector, result))(fill)
-
-    def function(t: Any, y: Any, prepared: Any) -> Any:
-        out = np.empty(shape)
-        if made_fill(t, y, prepared, out):
-            out[...] = np.nan
-        return out
-
-    compiled = numba.njit(result(numba.float64, vector, vector))(function)
-    return NumbaFunction(numba.njit(vector(vector))(prepare), compiled, made_fill)
-
-
 class Model(compiled.Model):
     """A system compiled for one machine. Kernels are compiled when they are first used.
 
@@ -153,7 +113,44 @@ class Model(compiled.Model):
         They call the machine code of this model. Raises StatementError without Numba, and on the numpy target.
         """
         check_without_contacts(self.statement.contacts, "as_numba()")
-        return numba_function(self, quantity)
+        kernel: Any = self.kernel(quantity)
+        address = kernel.address
+        try:
+            import numba
+        except ImportError as error:
+            raise missing("as_numba", "pip install numba", error) from error
+        _KEPT[address] = kernel
+        prepare_code, fill_code = _PREPARE(kernel.prepare_address), _FILL(address)
+        program, size = kernel.program, kernel.prepared_size
+        states, count, shape, k = program.states, math.prod(program.shape), program.shape, program.parameters
+
+        def prepare(p: Any) -> Any:
+            if p.size != k:
+                raise ValueError("p has a wrong number of entries: give one value for each parameter of the model")
+            prepared = np.zeros(size + 1)
+            prepared[:k] = p
+            prepared[size] = prepare_code(prepared.ctypes)
+            return prepared
+
+        def fill(t: Any, y: Any, prepared: Any, out: Any) -> Any:
+            if y.size != states or prepared.size != size + 1 or out.size != count:
+                raise ValueError(
+                    "y, prepared or out has a wrong number of entries: give arrays of the sizes of the model"
+                )
+            singular = fill_code(t, y.ctypes, prepared.ctypes, out.ctypes) != 0
+            return singular or prepared[size] != 0.0
+
+        vector, result = numba.float64[::1], numba.types.Array(numba.float64, len(shape), "C")
+        made_fill = numba.njit(numba.boolean(numba.float64, vector, vector, result))(fill)
+
+        def function(t: Any, y: Any, prepared: Any) -> Any:
+            out = np.empty(shape)
+            if made_fill(t, y, prepared, out):
+                out[...] = np.nan
+            return out
+
+        compiled = numba.njit(result(numba.float64, vector, vector))(function)
+        return NumbaFunction(numba.njit(vector(vector))(prepare), compiled, made_fill)
 
     def as_jax(self, quantity: str = "rhs") -> JaxFunction:
         """Return a quantity as a function of (t, y, p) that jax.jit, jax.grad and jax.vmap take, in double precision.

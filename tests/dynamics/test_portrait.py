@@ -16,7 +16,7 @@ from lagrange.dynamics import portrait, section
 from lagrange.dynamics.axes import Axis
 from lagrange.dynamics.orbits import CLOSED, LINEAR_ERROR, PlaneWindow
 from lagrange.dynamics.runs import Runs
-from lagrange.dynamics.section import margin
+from lagrange.dynamics.section import EnergyLevel
 from lagrange.errors import StatementError
 from tests.dynamics.planar import (
     damped_pendulum,
@@ -289,8 +289,9 @@ def test_the_border_is_around_all_points() -> None:
     model = star().compile()
     (border,) = result.border
     states = np.array([[0.0, q, 0.0, v] for q, v in border]).T
-    assert np.abs(margin(model, model.parameter_array(), states, 2, ENERGY)).max() < 1e-14
-    assert (margin(model, model.parameter_array(), result.points.T, 2, ENERGY) > 0).all()
+    level = EnergyLevel(model, model.parameter_array(), 2, ENERGY)
+    assert np.abs(level.margin(states)).max() < 1e-14
+    assert (level.margin(result.points.T) > 0).all()
 
 
 def test_the_velocity_of_an_energy_goes_with_the_direction_of_the_event() -> None:
