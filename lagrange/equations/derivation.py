@@ -74,7 +74,10 @@ def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
         mass, index = next(_masses(page, squared, left), (None, 0))
         if mass is not None:
             del left[index]
-            plain = plain and all(_plain(page, rate) for rate in rates)
+            for rate in rates:  # plain if it is zero or a constant times the velocity of a coordinate
+                factors = [page.algebra.factors[k] for monomial in rate for k, _ in monomial]
+                constant = (x in page.v or not x.free_symbols & page.collector.moving for x in factors)
+                plain = plain and len(rate) <= 1 and all(constant)
             points.append(MassPoint(name, mass, tuple(position), tuple(map(page.show, rates)), page.show(squared)))
     return () if plain else tuple(points)
 
@@ -96,14 +99,6 @@ def _masses(page: TextbookAlgebra, squared: MonomialSum, terms: list[MonomialSum
                 constant = not mass.free_symbols & page.collector.moving
                 if constant and all(part.is_Symbol or part.is_Number for part in Add.make_args(mass)):
                     yield page.finish(mass), index
-
-
-def _plain(page: TextbookAlgebra, rate: MonomialSum) -> bool:
-    """Return True if `rate`, a component of a velocity, is zero or a constant times the velocity of a coordinate."""
-    if len(rate) > 1:
-        return False
-    moving = [page.algebra.factors[k] for monomial in rate for k, _ in monomial]
-    return all(factor in page.v or not factor.free_symbols & page.collector.moving for factor in moving)
 
 
 Part = TypeVar("Part")

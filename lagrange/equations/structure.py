@@ -181,7 +181,7 @@ def find_structure(
         workless=constraints.workless,
         first_order=first_order,
         freedoms=len(laws.q) - len(statement.rotations),
-        brief=any(_is_brief(node) for node in reachable([laws.lagrangian, *laws.extra], laws.time.depends)),
+        brief=any(map(_is_brief, reachable([laws.lagrangian, *laws.extra], laws.time.depends))),
         decisions=Decisions(statement, laws),
     )
 

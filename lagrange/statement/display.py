@@ -189,18 +189,13 @@ def counter(total: int, noun: str, *, enabled: bool | str, before: int = 0) -> I
             return said
         rate = (done - before) / seconds
         left = "" if done >= total else f", {_rounded_time((total - done) / rate)} left"
-        return f"{said}, {_rate(rate)}{left}"
+        pace, unit = (rate, "second") if rate >= 1.0 else (60.0 * rate, "minute")
+        return f"{said}, {f'{pace:,.0f}' if pace >= 10.0 else f'{pace:.2g}'} a {unit}{left}"
 
     with _bar((0.0, float(total)), describe, enabled=enabled, stays=True) as report:
         if report is not None:
             report(float(before))
         yield report
-
-
-def _rate(rate: float) -> str:
-    """Return a rate, in items per second, as text: per second, or per minute for less than one per second."""
-    number, unit = (rate, "second") if rate >= 1.0 else (60.0 * rate, "minute")
-    return f"{number:,.0f} a {unit}" if number >= 10.0 else f"{number:.2g} a {unit}"
 
 
 def _rounded_time(seconds: float) -> str:

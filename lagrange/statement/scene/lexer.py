@@ -85,7 +85,12 @@ def tokens(text: str, *, unevaluated: bool = False) -> list[SceneToken]:
     while offset < len(text):
         match = _TOKEN.match(text, offset)
         if match is None:
-            _refuse_character(text, offset)
+            character = text[offset]
+            if ord(character) > 126 or ord(character) < 32:
+                refuse(_unknown_letter(character), offset)
+            if character == "'" and offset and _LETTER.match(text[offset - 1]):
+                refuse("a prime is not a derivative here: the velocity of x is x_dot, its acceleration x_ddot.", offset)
+            refuse(f"{character!r} is not allowed in an expression: {_REMEDIES.get(character, _ALLOWED)}.", offset)
         token = SceneToken(str(match.lastgroup), match.group(), offset)
         offset = match.end()
         if token.kind == "number":
@@ -136,15 +141,6 @@ def _check_name(token: SceneToken, text: str) -> None:
             "underscores, and has at most 64 characters.",
             offset,
         )
-
-
-def _refuse_character(text: str, offset: int) -> NoReturn:
-    character = text[offset]
-    if ord(character) > 126 or ord(character) < 32:
-        refuse(_unknown_letter(character), offset)
-    if character == "'" and offset and _LETTER.match(text[offset - 1]):
-        refuse("a prime is not a derivative here: the velocity of x is x_dot, its acceleration x_ddot.", offset)
-    refuse(f"{character!r} is not allowed in an expression: {_REMEDIES.get(character, _ALLOWED)}.", offset)
 
 
 def _unknown_letter(character: str) -> str:

@@ -168,12 +168,14 @@ def check_dimensions(
     wrong unit, and for a symbol whose unit would not be a product of the stated base units.
     """
     known = {t: named("second"), **dimensions}
-    _infer(parts, known)
-    # No quantity of mechanics has a root of a length as its dimension. Such a symbol is taken for an angle, so that the
-    # check below names the wrong term.
-    for symbol, dimension in known.items():
-        if symbol not in dimensions and any(power.denominator > 1 for _, power in dimension.exponents):
-            known[symbol] = DIMENSIONLESS
+    inferred = UnitEquations(known, parts)
+    for symbol in [node for node in inferred.units if isinstance(node, (sympy.Symbol, AppliedUndef))]:
+        dimension = None if symbol in known else inferred.dimension(symbol)
+        if dimension is not None:
+            # No quantity of mechanics has a root of a length as its dimension. Such a symbol is taken for an angle, so
+            # that the check below names the wrong term.
+            whole = dimension.exponents and all(power.denominator == 1 for _, power in dimension.exponents)
+            known[symbol] = Dimension(dimension.exponents) if whole else DIMENSIONLESS
     equations = UnitEquations(known, parts)
     if (found := _first_wrong(parts, equations, scales=False)) is not None:
         raise StatementError(_wrong_dimension(*found, equations, symbols))
@@ -206,15 +208,6 @@ def _first_wrong(
 def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension | None:
     """Return the dimension of an expression from the `known` ones of its symbols; None if it is not determined."""
     return UnitEquations(known).dimension(expression)
-
-
-def _infer(parts: Sequence[CheckedPart], known: dict[Any, Dimension]) -> None:
-    """Add to `known` the dimensions of symbols that follow from sums, from functions and from required dimensions."""
-    equations = UnitEquations(known, parts)
-    for symbol in [node for node in equations.units if isinstance(node, (sympy.Symbol, AppliedUndef))]:
-        dimension = None if symbol in known else equations.dimension(symbol)
-        if dimension is not None:
-            known[symbol] = Dimension(dimension.exponents, None if dimension.exponents else 0.0)
 
 
 def _wrong_dimension(

@@ -172,8 +172,12 @@ class UnitEquations:
             return self._product([(expression.expr, Fraction(1)), *((by, Fraction(-1)) for by in expression.variables)])
         if expression.is_Mul:
             return self._product([(factor, Fraction(1)) for factor in expression.args])
+        if expression.is_Pow and (power := number_of(expression.exp)) is not None:
+            return self._product([(expression.base, power)])
         if expression.is_Pow:
-            return self._power(expression.base, expression.exp)
+            self._number(expression.exp)
+            self._number(expression.base)
+            return UnitProduct()
         if expression.is_Add or isinstance(expression, SAME_DIMENSION):
             return self._common(expression.args)
         return self._function(expression)
@@ -187,14 +191,6 @@ class UnitEquations:
                 return None
             total = total.times(unit, power)
         return total
-
-    def _power(self, base: Any, exponent: Any) -> UnitProduct | None:
-        power = number_of(exponent)
-        if power is not None:
-            return self._product([(base, power)])
-        self._number(exponent)
-        self._number(base)
-        return UnitProduct()
 
     def _common(self, terms: Sequence[Any]) -> UnitProduct | None:
         """Add the equations that all terms have the same unit, and return this unit; None if all terms are zero."""
