@@ -190,7 +190,8 @@ def _check_resets(index: int, e: Event, statement: Statement) -> None:
     resets = [*((symbols[rows[key]], value) for key, value in e.reset.items()), *e.settings.items()]
     for _, value in resets:
         _check(value, f"the reset of event {index}", statement)
-    check_event_dimensions(index, e.expression, resets, statement)
+    if statement.dimensions:
+        check_event_dimensions(index, e.expression, tuple(resets), statement)
 
 
 def _declared(entry: Any, statement: Statement) -> Event:

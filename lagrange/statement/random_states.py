@@ -58,7 +58,11 @@ class Scales:
         for expression in (*stated, *(constraint.expression for constraint in statement.constraints)):
             for node in parts_first(expression, self._forms, children):
                 self._forms[node] = self._form(node)
-        self._rows = [self._row(form) for form in self._monomials if any(symbol in self._index for symbol in form)]
+        self._rows: list[_Row] = []
+        for form in self._monomials:
+            powers = {self._index[symbol]: power for symbol, power in form.items() if symbol in self._index}
+            others = tuple((s, power) for s, power in form.items() if s is not UNIT and s not in self._index)
+            self._rows += [_Row(powers, others, form.get(UNIT, 0.0))] if powers else []
 
     def sizes(self, parameters: Mapping[Any, float], start: Sequence[float] = ()) -> tuple[float, ...]:
         """Return typical magnitudes (2n,) of coordinates and velocities, for these values of the parameters.
@@ -81,11 +85,6 @@ class Scales:
             solution.settle(k, 0.0)
         bounded = (max(-EXTREME, min(EXTREME, solution.sizes[k])) for k in self._index.values())
         return tuple(1.0 if abs(size) <= ORDINARY else math.exp(size) for size in bounded)
-
-    def _row(self, form: Form) -> _Row:
-        unknowns = {self._index[symbol]: power for symbol, power in form.items() if symbol in self._index}
-        others = tuple((s, power) for s, power in form.items() if s is not UNIT and s not in self._index)
-        return _Row(unknowns, others, form.get(UNIT, 0.0))
 
     def _form(self, node: Any) -> Form:
         parts = [self._forms[child] for child in children(node)]

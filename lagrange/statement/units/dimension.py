@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -14,7 +14,7 @@ import sympy
 
 from lagrange.errors import MANY_PARTS, SceneError, StatementError, formula, has_many_parts, shown, suggestion
 from lagrange.statement.coordinate import t
-from lagrange.statement.expression import check_once, one_of
+from lagrange.statement.expression import check_once
 from lagrange.statement.parameters import label_of
 from lagrange.statement.scene.expressions import read_expression
 
@@ -356,14 +356,3 @@ def _times(dimension: Dimension, time: Dimension, power: int) -> Dimension:
         return product
     text = _from_text(dimension.unit, "the unit") * _from_text(time.unit or "s", "the unit of time") ** power
     return replace(product, unit=str(text) if text.free_symbols else "")
-
-
-def check_names(table: Mapping[Any, Any], known: Mapping[str, Any], rates: Collection[str]) -> None:
-    """Raise StatementError for a text key of a user's table that is neither a `known` symbol nor one of the `rates`.
-
-    Keys that are SymPy symbols are not checked: they may belong to another system.
-    """
-    for key in table:
-        if not isinstance(key, sympy.Basic) and key not in rates:
-            refusal = "dimensions names {given}, which this system does not have; its symbols are {known}."
-            one_of(label_of(key), known, refusal)

@@ -18,6 +18,7 @@ from sympy.functions.elementary.trigonometric import TrigonometricFunction
 from lagrange.errors import StatementError, located
 from lagrange.statement.contact import Contact, along, impact_speed
 from lagrange.statement.coordinate import RATE, name_of, t
+from lagrange.statement.expression import one_of
 from lagrange.statement.given.motion import motion_of, table_range
 from lagrange.statement.parameters import in_own_parameters, label_of, rate_name
 from lagrange.statement.rotation import rotation_of
@@ -27,7 +28,6 @@ from lagrange.statement.units.dimension import (
     DIMENSIONLESS,
     SAME_FACTOR,
     Dimension,
-    check_names,
     named,
     power_text,
     read_dimension,
@@ -89,7 +89,13 @@ def with_dimensions(statement: Statement, table: Mapping[Any, Any]) -> Statement
     parts = _parts(statement, stated)
     dimensions = check_dimensions(parts, stated, statement.plain)
     check_dimensions(parts, dimensions | dict(multiplier_dimensions(statement, dimensions)), statement.plain)
-    check_names(table, known, rates)
+    for key in table:  # symbols of SymPy may belong to another system
+        if not isinstance(key, sympy.Basic) and key not in rates:
+            one_of(
+                label_of(key),
+                known,
+                "dimensions names {given}, which this system does not have; its symbols are {known}.",
+            )
     return replace(statement, dimensions=MappingProxyType(dimensions))
 
 
@@ -344,17 +350,12 @@ class _Checker:
         return any(not self.fits(unit, units[0]) for unit in units)
 
 
-def check_event_dimensions(number: int, zero: Any, resets: Sequence[tuple[Any, Any]], statement: Statement) -> None:
+@lru_cache(maxsize=64)
+def check_event_dimensions(index: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement: Statement) -> None:
     """Raise StatementError for an event, or its reset, with terms that differ in dimension or unit.
 
-    `number` is the index of the event, `zero` its function, and `resets` are pairs (reset variable, new value).
+    `index` is that of the event, `zero` its function, and `resets` are pairs (reset variable, new value).
     """
-    if statement.dimensions:
-        _check(number, zero, tuple(resets), statement)
-
-
-@lru_cache(maxsize=64)
-def _check(index: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement: Statement) -> None:
     known = dict(statement.dimensions) | dict(multiplier_dimensions(statement, statement.dimensions))
     known |= {symbol: dimension for symbol, _ in resets if (dimension := dimension_of(symbol, known)) is not None}
     parts = [CheckedPart(f"event {index}", _without_own_numbers(zero, None, known), None)]
