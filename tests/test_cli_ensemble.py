@@ -24,25 +24,6 @@ def test_runs_are_counted_and_written(tmp_path: Path, capsys: pytest.CaptureFixt
     assert json.loads(capsys.readouterr().out)["shape"] == [3, 2]
 
 
-@pytest.mark.slow
-def test_a_store_is_written_and_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    zarr = pytest.importorskip("zarr")
-    command = [
-        "ensemble",
-        "pendulum",
-        *VARY,
-        "--keep",
-        "end,max:theta,mean:theta_dot",
-        "--out",
-        str(tmp_path / "runs.zarr"),
-    ]
-    assert main(command) == 0 and main(command) == 0
-    assert "all members were stored" in capsys.readouterr().out
-    group = zarr.open_group(str(tmp_path / "runs.zarr"), mode="r")
-    alone = lg.scene("pendulum").run(1.0, {"theta": 2.0}, parameters={"l": 1.0})
-    assert group["max(theta)"][5] == pytest.approx(2.0) and group["theta_end"][5] == pytest.approx(alone.y[0, -1])
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("out", "more", "begins"),

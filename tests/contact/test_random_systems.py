@@ -16,9 +16,14 @@ from tests.contact.random_contacts import broken_laws, random_system
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("seed", [2, 7, 9, 10, 12, 5, 13, 14, 16, 17, 21, 22])
+@pytest.mark.parametrize(
+    "seed", [2, 7, 9, 10, 12, 5, 13, 14, 16, 17, 21, 22, pytest.param(21_247, marks=pytest.mark.slow)]
+)
 def test_bodies_do_not_overlap_and_energy_goes_where_it_is_booked(seed: int) -> None:
-    """Each law of `random_contacts`; `docs/benchmarks/random_contacts.py` takes 500 systems."""
+    """Each law of `random_contacts`; `docs/benchmarks/random_contacts.py` takes 500 systems.
+
+    In system 21,247 an impact of one corner comes at the instant at which the slip of another stops.
+    """
     drawn = random_system(seed)
     run = drawn.system.run(drawn.end, rtol=1e-12).require()
     assert not broken_laws(drawn.system, run, driven=drawn.driven)
@@ -44,14 +49,6 @@ def test_a_slip_that_was_an_error_of_the_state_is_at_rest(seed: int, end: float)
     drawn = random_system(seed)
     run = drawn.system.run(end, method="dop853", rtol=1e-4).require()
     assert not broken_laws(drawn.system, run, driven=drawn.driven, error=1e-3)
-
-
-@pytest.mark.slow
-def test_an_impact_at_the_instant_at_which_a_slip_stops_begins_it_anew() -> None:
-    """One corner of this box bounces while the other slides: friction pushed along the slip after such an impact."""
-    drawn = random_system(21_247)
-    run = drawn.system.run(drawn.end, rtol=1e-12).require()
-    assert not broken_laws(drawn.system, run, driven=drawn.driven)
 
 
 @pytest.mark.slow

@@ -389,7 +389,6 @@ def test_the_tangent_of_a_solution_solves_again_with_the_same_factors() -> None:
 
 TERMS = [(20_000, 201), pytest.param(100_000, 448, marks=pytest.mark.slow)]
 """How many products of so many factors, which have some more."""
-DEPTHS = [5_000, pytest.param(20_000, marks=pytest.mark.slow)]
 
 
 def program_of(outputs: list[Node], state: list[Node]) -> Program:
@@ -434,24 +433,6 @@ def nest(graph: Graph, x: Node, depth: int) -> Node:
     for _ in range(depth):
         node = graph.call("sin", node) + x
     return node
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("depth", DEPTHS)
-def test_a_deep_nesting_built_directly(depth: int) -> None:
-    graph = Graph()
-    x = graph.symbol("x", Binding.CONFIGURATION)
-    node = nest(graph, x, depth)
-    assert share_sums(graph, [node]) == [node]
-    (slope,) = gradient(node, [x])
-    program = program_of([node, slope], [x])
-    result = NumpyMachine().load(program)(0.0, np.array([0.3]), np.empty(0))
-    value, expected = 0.3, 1.0
-    for _ in range(depth):
-        value, expected = np.sin(value) + 0.3, np.cos(value) * expected + 1
-    assert result == pytest.approx([value, expected], rel=1e-9)
-    text = KernelCode(program).scalar_module()
-    assert text.count("@sin") > depth
 
 
 def test_the_adjoints_of_a_nesting_grow_linearly() -> None:

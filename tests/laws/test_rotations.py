@@ -163,31 +163,6 @@ def test_linear_equations_on_constraints_agree_with_the_compiled_model_anywhere(
         held.linearize({R.body: (0, 0, 50)})
 
 
-@pytest.mark.slow
-def test_a_rattleback_is_unstable_in_pitch_one_way_and_in_roll_the_other() -> None:
-    """Its equations are reversible: exponents of the opposite spin have the opposite sign."""
-    scene = lg.scene("rattleback")
-    values = dict(scene.statement.defaults)
-    exponents = [
-        np.linalg.eigvals(np.array(scene.linearize({"z": 0.01, R.body: (0, 0, spin)}).A.subs(values), dtype=float))
-        for spin in (-5.0, 5.0)
-    ]
-    fast, slow = (each[np.argmax(each.real)] for each in exponents)
-    assert abs(fast.imag) > 100 > 40 > abs(slow.imag) > 0 and fast.real > 10 * slow.real > 1e-3
-    assert np.sort(exponents[0].real) == pytest.approx(np.sort(-exponents[1].real), abs=1e-6)
-
-
-@pytest.mark.slow
-def test_linear_equations_of_a_sleeping_top_in_symbols() -> None:
-    """For a spinning top: x'' = ((1 - J3/J1) w^2 + m g a/J1) x + (2 - J3/J1) w y'."""
-    thick = lg.parameters("J3")
-    top = body((m, m, thick), (0, 0, 0), potential=a * R[2, 2], parameters={m: 1.0, a: 1.0, thick: 0.5})
-    matrix = top.linearize({R.body: (0, 0, 3)}).A
-    expected = sympy.Matrix([[9 * (1 - thick / m) + a / m, 0, 0], [0, 9 * (1 - thick / m) + a / m, 0], [0, 0, 0]])
-    assert (matrix[3:, :3] - expected).applyfunc(sympy.simplify).is_zero_matrix
-    assert sympy.simplify(matrix[3, 4] - 3 * (2 - thick / m)) == 0
-
-
 def test_small_turns_of_a_body_that_hangs() -> None:
     """A body hangs by a point: frequencies sqrt(m g a/J) about the two horizontal axes, and free turns about z."""
     hanging = body((0.5, 0.8, 0.4), (0, 0, 0), potential=-R[2, 2])

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 import sympy as sp
 from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from lagrange.algorithm.series.packing import Packing, operations, pack
 from lagrange.compiler import machine
@@ -29,12 +28,10 @@ from lagrange.program.series import RULES, SeriesProgram, Stage
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
-from lagrange.trajectory.events.surfaces import stated_sides
 from tests.covering import examples
 from tests.laws.mechanisms import functions_of, potentials
-from tests.laws.test_random_systems import bent_energies, kinetic_energies
+from tests.laws.test_random_systems import kinetic_energies
 from tests.models import SYSTEMS, TARGETS, k, stated, x, y
-from tests.series import NUMBER, jet, numbers
 from tests.series_systems import HELD, LARGER, ladder
 
 LANES = (1, 2, 4, 8)
@@ -207,26 +204,6 @@ def test_random_systems(T: Any, V: Any, Q: Any, A: Any) -> None:
     state = np.array([0.3, -0.4, 0.2, 0.5])
     for lanes, order in ((2, 6), (4, 0), (8, 10)):
         assert_same_rows(CompiledJet(pack(program, lanes), order), order or 12, 0.3, state, np.empty(0))
-
-
-@pytest.mark.slow
-@few
-@given(bent_energies(x, y), potentials(x, y), st.sampled_from([-1.0, 1.0]), st.sampled_from([-1.0, 1.0]))
-def test_random_mass_matrices_that_depend_on_velocities(T: Any, V: Any, first: float, second: float) -> None:
-    """Mass matrices have fractional powers of abs. Both forms and the interpreter are compared with 200 digits."""
-    statement = stated(lagrangian=T - V, coordinates=[x, y])
-    program, _ = series_program(euler_lagrange(statement))
-    state = np.array([0.3, -0.4, 0.7 * first, 0.5 * second])
-    given = stated_sides(program, 0.3, state, np.empty(0))
-    exactly = jet(program, given.tolist()).coefficients(NUMBER(0.3), numbers(state.tolist()), 64)[:, :4].astype(float)
-    for lanes, written, order in ((4, 0, 64), (8, 0, 31), (8, 12, 12), (2, 20, 20)):
-        kernel = CompiledJet(pack(program, lanes), written)
-        assert_same_rows(kernel, order, 0.3, state, given)
-        # A coefficient of order k in double precision keeps some digits fewer with each order.
-        scale = natural(program, order, 0.3, state, given)
-        expected = exactly[: order + 1] * scale ** np.arange(order + 1.0)[:, None]
-        ours = kernel.rows(order, 0.3, state, scale, given)[:, :4]
-        assert np.abs(ours - expected).max() < 1e-9 * np.abs(expected).max()
 
 
 # --- stages ---------------------------------------------------------------------------------------------------

@@ -89,22 +89,6 @@ def test_extremes_and_means_of_an_oscillator_have_closed_forms(method: str) -> N
     assert (runs["min(Abs(x))"] < 2e-8).all()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["taylor", *(pytest.param(name, marks=pytest.mark.slow) for name in [*METHODS][1:])])
-def test_a_member_alone_keeps_the_same(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A single run uses the same sample points, quadrature and search, so results differ by some units of 2**-52."""
-    (theta,) = pendulum().coordinates
-    expressions = [theta, sympy.cos(3 * theta), theta.dot**2 - theta]
-    keep = ("end", *((how, item) for how in ("max", "min", "mean") for item in expressions))
-    given: dict[str, Any] = {"keep": keep, "method": method, **METHODS[method]}
-    together = lg.ensemble(pendulum(), 4.0, {"theta": STARTS}, **given)
-    alone = one_after_the_other(monkeypatch, pendulum(), 4.0, {"theta": STARTS}, **given)
-    assert "side by side" in together.form and "one after" in alone.form
-    for column in together.columns[3:]:
-        result, expected = (runs.results.column(column.name) for runs in (together, alone))
-        assert np.allclose(result, expected, rtol=1e-13, atol=1e-13), column.name
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "rk4"])
 def test_the_drift_is_that_to_the_time_of_the_end(method: str, monkeypatch: pytest.MonkeyPatch) -> None:

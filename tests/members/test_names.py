@@ -60,14 +60,6 @@ def test_a_store_of_other_expressions_is_refused(tmp_path: Path, which: str) -> 
         pendulum(keep=(other,), **given)
 
 
-@pytest.mark.slow
-def test_a_store_of_an_event_that_differs_in_its_last_digits_is_refused(tmp_path: Path) -> None:
-    pytest.importorskip("zarr")
-    pendulum(events=[theta - 0.1], store=tmp_path / "runs.zarr")
-    with pytest.raises(lg.StatementError, match="differs in events"):
-        pendulum(events=[theta - np.nextafter(0.1, 1.0)], store=tmp_path / "runs.zarr")
-
-
 @pytest.mark.parametrize("name", ["status", "t_end", "member", "steps", "theta_end", "theta_start"])
 def test_a_parameter_called_as_what_is_kept_is_refused(name: str) -> None:
     with pytest.raises(lg.StatementError, match=f"^the system has the name {name!r}, which is also"):

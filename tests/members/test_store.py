@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -114,14 +114,6 @@ def test_arrays_that_differ_late_are_another_ensemble(tmp_path: Path, monkeypatc
     values[-1] = 1.0
     with pytest.raises(lg.StatementError, match="differs in values"):
         stored()
-
-
-@pytest.mark.slow
-def test_executors_give_the_same_bytes(whole: lg.Ensemble) -> None:
-    with ProcessPoolExecutor(2) as processes:
-        assert columns(run(executor=processes)) == columns(whole)
-    with ThreadPoolExecutor(2) as threads:
-        assert columns(run(executor=threads)) == columns(whole)
 
 
 def kill(pid: int) -> None:
