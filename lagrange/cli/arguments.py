@@ -221,11 +221,6 @@ def count(option: str, text: str | None) -> int | None:
     return int(text)
 
 
-def number_list(option: str, text: str | None) -> list[float] | None:
-    """Return the numbers of a comma-separated list, None if the option is absent."""
-    return None if text is None else [number(option, part.strip()) for part in text.split(",")]
-
-
 def code_of(solution: lg.Solution) -> int:
     """Return the exit code for the status of a run: 0 if it is complete, 1 if it failed, 130 if it was interrupted."""
     if solution.status is lg.Status.INTERRUPTED:

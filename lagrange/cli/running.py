@@ -26,7 +26,6 @@ from lagrange.cli.arguments import (
     given_number,
     load_scene,
     number,
-    number_list,
     start,
 )
 from lagrange.errors import StatementError, listing, suggestion
@@ -108,7 +107,11 @@ def race(request: argparse.Namespace) -> Answer:
     """Race methods on a scene, write the table and the picture, and return the measured errors and times."""
     settings: dict[str, Any] = {
         "methods": None if request.methods is None else [name.strip() for name in request.methods.split(",")],
-        **{key: number_list(f"--{key}", getattr(request, key)) for key in ("tolerances", "steps")},
+        **{
+            key: [number(f"--{key}", part.strip()) for part in getattr(request, key).split(",")]
+            for key in ("tolerances", "steps")
+            if getattr(request, key) is not None
+        },
         **{key: given_number(f"--{key}", getattr(request, key)) for key in ("outputs", "digits", "repeats")},
         "max_wall": given_number("--max-wall", request.max_wall),
     }

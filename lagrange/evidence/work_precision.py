@@ -180,7 +180,11 @@ def race(
     entries: list[Entry] = []
     refused: dict[str, list[str]] = {}
     for label, method in labelled:
-        settings = chosen.tolerances if method.claims.adaptive else chosen.steps or _step_sizes(problem)
+        settings = chosen.tolerances if method.claims.adaptive else chosen.steps
+        if settings is None:
+            preliminary = find(PRELIMINARY_METHOD).integrate(replace(problem, rtol=COARSE_RTOL))
+            count = max(FEWEST_STEPS, STEPS_PER_PRELIMINARY * preliminary.steps)
+            settings = tuple(abs(t1 - t0) / (count << k) for k in range(STEP_SIZES))
         measurements = list(measured.run(label, method, settings))
         if methods is None and all(entry.status == REFUSED for entry in measurements):
             refused.setdefault(measurements[0].message.removeprefix(label), []).append(label)
@@ -324,13 +328,6 @@ def _checked(run: Trajectory) -> Trajectory:
     if run.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     return run
-
-
-def _step_sizes(problem: Problem) -> tuple[float, ...]:
-    """Return the default step sizes for methods with constant steps, the longest first."""
-    preliminary = find(PRELIMINARY_METHOD).integrate(replace(problem, rtol=COARSE_RTOL))
-    count = max(FEWEST_STEPS, STEPS_PER_PRELIMINARY * preliminary.steps)
-    return tuple(abs(problem.t1 - problem.t0) / (count << k) for k in range(STEP_SIZES))
 
 
 def _growth_notes(effect: Sensitivity, size: FloatArray, unit: FloatArray) -> Iterator[str]:

@@ -119,31 +119,32 @@ def transformed(
     coordinates; None computes it from the stated one.
     """
     change = _transformation(statement, expressions, positive)
-    _check_regular(change)
+    columns = [change.coordinates.index(q) for q in change.new]
+    determinant = change.slopes.extract(list(range(len(change.replaced))), columns).det(method="berkowitz")
+    if simplest(determinant) == 0:
+        raise StatementError(
+            f"{listing(map(name_of, change.replaced))} do not vary independently with "
+            f"{listing(map(name_of, change.new))}: the determinant of the derivatives is zero everywhere. Give "
+            "independent expressions."
+        )
     stated = table_of(initial, "initial", "new coordinate or velocity to value, such as {r: 1.0}")
     start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
     kept = {key: x for key, x in start.items() if not key.has(*change.replaced)}
+    added = table_of(parameters, "parameters", "parameter to value, such as {w: 1.0}")
+    values = {p: statement.defaults.get(p) for p in statement.parameters}
+    used = [p for x in change.expressions for p in sorted(x.free_symbols, key=str) if p != t]
     result = rewritten(
         statement,
         change.put,
         coordinates=change.coordinates,
         forces=_forces(change),
-        parameters=_parameters(change, parameters),
+        parameters=values | {p: None for p in used if p not in values} | dict(added),
         initial=kept | dict(stated),
     )
     _check(change, result, model)
     if initial is None:
         result = replace(result, initial=_start(change, result))
     return result
-
-
-def _parameters(change: Transformation, parameters: Any) -> dict[Any, Any]:
-    """Return {parameter: value or None} for the parameters of the statement and those that are new in expressions."""
-    statement = change.statement
-    added = table_of(parameters, "parameters", "parameter to value, such as {w: 1.0}")
-    values = {p: statement.defaults.get(p) for p in statement.parameters}
-    used = [p for x in change.expressions for p in sorted(x.free_symbols, key=str) if p != t]
-    return values | {p: None for p in used if p not in values} | dict(added)
 
 
 def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
@@ -271,18 +272,6 @@ def _positive(positive: Any, new: Sequence[Any]) -> tuple[Any, ...]:
             )
         chosen += match
     return tuple(chosen)
-
-
-def _check_regular(change: Transformation) -> None:
-    """Raise StatementError if the Jacobian determinant of the transformation is zero everywhere."""
-    columns = [change.coordinates.index(q) for q in change.new]
-    determinant = change.slopes.extract(list(range(len(change.replaced))), columns).det(method="berkowitz")
-    if simplest(determinant) == 0:
-        raise StatementError(
-            f"{listing(map(name_of, change.replaced))} do not vary independently with "
-            f"{listing(map(name_of, change.new))}: the determinant of the derivatives is zero everywhere. Give "
-            "independent expressions."
-        )
 
 
 def _forces(change: Transformation) -> dict[Any, Any]:

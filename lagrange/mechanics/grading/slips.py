@@ -186,8 +186,14 @@ def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample
     Corrections are those of `_variants`, the shortest ones first. A constant is replaced by constants only. `alone` is
     true if one wrong term explains the fault, too. Then the square and the root of the definition are not tried.
     """
-    statement, numbers = rows[0].statement, _numbers_at(samples[0], rows[0].statement)
+    statement, sample, point = rows[0].statement, samples[0], samples[0].point
     coordinates = list(statement.plain.values())
+    # The numbers of all symbols at the first sample.
+    motion = (x for each in zip(point.q, point.v, sample.accelerations, strict=True) for x in each)
+    multipliers = (constraint.multiplier for constraint in statement.constraints)
+    symbols_at = (*coordinates, *multipliers, *point.parameters, t)
+    values = (*motion, *sample.multipliers, *point.parameters.values(), point.t)
+    numbers = {symbol: sympy.Float(x, DIGITS) for symbol, x in zip(symbols_at, values, strict=True)}
     meanings = {symbol: value for row in rows for symbol, value in row.equation.meanings.items()}
     for symbol, value in meanings.items():
         rates = [rate for rate in (sympy.Symbol(symbol.name + end, real=True) for end in RATES[1:]) if rate in meanings]
@@ -213,16 +219,6 @@ def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample
                 what = "equation" if value.has(*unknowns_of(statement)) else "definition"
                 return f"The {what} {symbol} = {write(value)} is wrong: it should be {write(variant)}."
     return ""
-
-
-def _numbers_at(sample: MotionSample, statement: Statement) -> dict[Any, Any]:
-    """Return {symbol: number} at a sample, for the plain symbols, multipliers and parameters of a statement, and t."""
-    point = sample.point
-    motion = (x for each in zip(point.q, point.v, sample.accelerations, strict=True) for x in each)
-    multipliers = (constraint.multiplier for constraint in statement.constraints)
-    symbols = (*statement.plain.values(), *multipliers, *point.parameters, t)
-    values = (*motion, *sample.multipliers, *point.parameters.values(), point.t)
-    return {symbol: sympy.Float(x, DIGITS) for symbol, x in zip(symbols, values, strict=True)}
 
 
 def _variants(expression: Any, symbols: Sequence[Any]) -> Iterator[Any]:
