@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache, partial
 from typing import Any
 
-import llvmlite.binding as llvm
 import numpy as np
 
 from lagrange.algorithm.constants import WIDEST_VECTOR, whole_blocks
@@ -51,6 +50,7 @@ from lagrange.machine.llvm.engine import (
     calling_solver,
     compiled,
     linear_solver,
+    provide,
 )
 from lagrange.machine.llvm.operations import argument_type, declarations, lanes
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, declaration, function, joined, module
@@ -73,18 +73,14 @@ def compiled_polynomial(procedure: Procedure) -> Module:
     e.do(f"call void @{procedure.name}({handed})")
     e.do("ret void")
     head = "define void @polynomial(ptr %given, i64 %columns, ptr %own, ptr %beside, ptr %work, ptr %out) #1"
-    return _module(procedure, e.function(head))
+    functions = [function(each, hidden=True) for each in (*procedure.callees, procedure)]
+    return Module("\n".join([declarations(), *functions, e.function(head), METADATA, ATTRIBUTES]), merge=True)
 
 
 @cache
 def inversion() -> Module:
     """Return the module that inverts a matrix for each of many states, compiled once per process."""
     return Module(module([invert_columns.form()]), merge=True)
-
-
-def _module(procedure: Procedure, entry: str) -> Module:
-    functions = [function(each, hidden=True) for each in (*procedure.callees, procedure)]
-    return Module("\n".join([declarations(), *functions, entry, METADATA, ATTRIBUTES]), merge=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,18 +177,6 @@ def of_steps(
     return BlockPolynomial(code.address("polynomial"), context, WIDEST_VECTOR, work, kind.derivative, tuple(references))
 
 
-def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLayout, order: int) -> BlockPolynomial:
-    """Return the callback that writes the polynomials of Taylor steps of an order.
-
-    `jet` is the address of the function that computes Taylor coefficients. `numbers` are the two arrays of constants
-    that this function reads; the first begins with the parameters. `layout` is that of the series in memory.
-    """
-    code, padded = compiled_polynomial(series_polynomial.form()), layout.padded
-    words = [jet, *map(address, numbers), order, layout.width, padded, layout.dimension]
-    context, work = np.array(words, dtype=np.int64), 2 * padded + layout.size(order)
-    return BlockPolynomial(code.address("polynomial"), context, 1, work, both=False, kept=(code, numbers))
-
-
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SERIES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *([ctypes.c_void_p] * 4), ctypes.c_int64)
 
@@ -234,17 +218,19 @@ class LlvmSeries(Shared):
 
     def dense(self, order: int, parameters: FloatArray) -> LlvmDense:
         """Return the dense output of Taylor steps of an order: the Taylor polynomial on each step."""
-        return LlvmDense(self.program.states, order, partial(_polynomial, self, order, parameters))
+        return LlvmDense(self.program.states, order, partial(self.polynomial, order, parameters))
+
+    def polynomial(self, order: int, parameters: FloatArray) -> BlockPolynomial:
+        """Return the callback that writes the polynomials of a block of Taylor steps, for one set of parameters."""
+        jet, code = self.code(order), compiled_polynomial(series_polynomial.form())
+        numbers, layout = jet.numbers(parameters), jet.layout
+        words = [jet.address, *map(address, numbers), order, layout.width, layout.padded, layout.dimension]
+        context, work = np.array(words, dtype=np.int64), 2 * layout.padded + layout.size(order)
+        return BlockPolynomial(code.address("polynomial"), context, 1, work, both=False, kept=(code, numbers))
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the scaled Taylor coefficients of the motion at a state y (2n,), with order k in row k."""
         return self.code(order).rows(order, t, y, scale, parameters)
-
-
-def _polynomial(series: LlvmSeries, order: int, parameters: FloatArray) -> BlockPolynomial:
-    """Return the callback that writes the polynomials of a block of Taylor steps, for one set of parameters."""
-    compiled = series.code(order)
-    return of_series(compiled.address, compiled.numbers(parameters), compiled.layout, order)
 
 
 @contextmanager
@@ -270,16 +256,15 @@ class CompiledJet:
             jet = ByOrderJet(packing, self._numbers, self.layout)
         ir = series_ir(jet.build(), self._numbers.prepare_start("prepare_start"))
         # Code with loops serves all orders and is slow if compiled quickly: it has no tiers.
-        self.tiers = TieredModule(ir, JET_NAME) if order else None
-        self._module = self.tiers.quick if self.tiers else Module(ir)
-        self._prepare = _PREPARE(self._module.address("prepare_start"))
+        self.module = TieredModule(ir) if order else Module(ir)
+        self._prepare = _PREPARE(self.module.address("prepare_start"))
         self._prepared: tuple[bytes, tuple[FloatArray, FloatArray]] | None = None
         self._joined: tuple[tuple[bytes, LlvmKernel | None], tuple[FloatArray, list[int]]] | None = None
 
     @property
     def ir(self) -> str:
         """The LLVM IR of the series."""
-        return self._module.ir
+        return self.module.ir
 
     @property
     def address(self) -> int:
@@ -287,7 +272,7 @@ class CompiledJet:
 
         It changes once, when optimized code replaces the code compiled quickly.
         """
-        return self.tiers.address if self.tiers else self._module.address(JET_NAME)
+        return self.module.address(JET_NAME)
 
     function = address
 
@@ -301,14 +286,11 @@ class CompiledJet:
     @property
     def is_final(self) -> bool:
         """True if the code will not be compiled again."""
-        return self.tiers is None or self.tiers.is_final
+        return self.module.is_final
 
     def count(self, steps: int) -> bool:
         """Count `steps` more steps. Return True if optimized code replaces the quickly compiled code from now on."""
-        if self.tiers is None or self.tiers.is_final:
-            return False
-        self.tiers.count(steps)
-        return self.tiers.is_final
+        return not self.module.is_final and self.module.count(steps)
 
     def load(self, program: Program) -> LlvmKernel:
         """Return the kernel of a program, compiled once per process."""
@@ -418,7 +400,4 @@ def _events(well: bool) -> Module:
     """
     reached = transitive_callees(event_procedures())
     texts = [function(each, hidden=each not in event_procedures(), merged=not each.apart) for each in reached]
-    made = Module(joined(texts), merge=well, quickly=not well)
-    for procedure in event_procedures():
-        llvm.add_symbol(procedure.name, made.address(procedure.name))
-    return made
+    return provide(event_procedures(), Module(joined(texts), merge=well, quickly=not well))

@@ -269,14 +269,13 @@ def test_a_series_is_compiled_well_behind_many_steps(made: list[str]) -> None:
     program = series_program(euler_lagrange(SYSTEMS["Kepler orbit"]()))[0]
     jet = LlvmSeries(program).code(9)
     quick = jet.address
-    assert jet.tiers is not None
-    jet.tiers.count(engine.STEPS_BEFORE_OPTIMIZING - 1)
-    assert (len(made), jet.address, jet.tiers.is_final) == (1, quick, False)
-    jet.tiers.count(1)
+    jet.module.count(engine.STEPS_BEFORE_OPTIMIZING - 1)
+    assert (len(made), jet.address, jet.module.is_final) == (1, quick, False)
+    jet.module.count(1)
     assert made == [jet.ir] * 2
     assert jet.address != quick
-    jet.tiers.count(engine.STEPS_BEFORE_OPTIMIZING)
-    assert jet.tiers.is_final
+    jet.module.count(engine.STEPS_BEFORE_OPTIMIZING)
+    assert jet.module.is_final
     assert len(made) == 2
 
 

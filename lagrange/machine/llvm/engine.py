@@ -107,6 +107,9 @@ def dense_solver() -> tuple[Procedure, ...]:
 class Module(Shared):
     """Machine code of the functions in one IR text. It owns the memory of the code."""
 
+    is_final = True
+    """True if the code will not be compiled again."""
+
     def __init__(
         self, text: str, *, optimize: bool = False, merge: bool = False, quickly: bool = False, often: bool = False
     ) -> None:
@@ -130,6 +133,17 @@ class Module(Shared):
         if name not in self._addresses:
             self._addresses[name] = self._engine.address(name)
         return self._addresses[name]
+
+    def count(self, steps: int) -> bool:
+        """Return False: optimized code never replaces this code, however many `steps` it takes."""
+        return False
+
+
+def provide(procedures: Sequence[Procedure], code: Module) -> Module:
+    """Make the procedures of a module known by name to modules that are loaded later, and return the module."""
+    for procedure in procedures:
+        llvm.add_symbol(procedure.name, code.address(procedure.name))
+    return code
 
 
 def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
@@ -214,11 +228,7 @@ def linear_solver(*, often: bool) -> None:
 
 @cache
 def _linear_solver(often: bool) -> Module:
-    start()
-    made = Module(module(dense_solver()), optimize=often, quickly=not often)
-    for procedure in dense_solver():
-        llvm.add_symbol(procedure.name, made.address(procedure.name))
-    return made
+    return provide(dense_solver(), Module(module(dense_solver()), optimize=often, quickly=not often))
 
 
 def calling_solver(procedure: Procedure) -> Module:
@@ -233,9 +243,7 @@ def calling_solver(procedure: Procedure) -> Module:
 
 @cache
 def _calling_solver(procedure: Procedure) -> Module:
-    made = Module(module([procedure], elsewhere=dense_solver()))
-    llvm.add_symbol(procedure.name, made.address(procedure.name))
-    return made
+    return provide([procedure], Module(module([procedure], elsewhere=dense_solver())))
 
 
 @cache
@@ -267,50 +275,39 @@ class TieredModule(Shared):
     """
 
     def __init__(
-        self,
-        text: str,
-        name: str,
-        *,
-        merge: bool = False,
-        optimize: bool = False,
-        needs: Callable[..., None] | None = None,
+        self, text: str, *, merge: bool = False, optimize: bool = False, needs: Callable[..., None] | None = None
     ) -> None:
-        self.ir, self._name = text, name
-        self._passes, self._needs = {"merge": merge, "optimize": optimize}, needs
+        self.ir, self._passes, self._needs = text, {"merge": merge, "optimize": optimize}, needs
         if needs is not None:
             needs(well=False)
-        self.quick = Module(text, quickly=True)
-        self.address = self.quick.address(name)
-        self._well: Module | None = None
+        self._quick = self._best = Module(text, quickly=True)
         self._left = STEPS_BEFORE_OPTIMIZING
         self._lock = threading.Lock()
-
-    def address_of(self, name: str) -> int:
-        """Return the address of the function `name` in the best version compiled so far."""
-        return (self._well or self.quick).address(name)
 
     @property
     def is_final(self) -> bool:
         """True if the optimized version is compiled, so that addresses no longer change."""
-        return self._well is not None
+        return self._best is not self._quick
 
-    def count(self, steps: int) -> None:
-        """Count `steps` more steps of a run. After many steps the code is optimized, and the addresses change.
+    def address(self, name: str) -> int:
+        """Return the address of the function `name` in the best version compiled so far."""
+        return self._best.address(name)
+
+    def count(self, steps: int) -> bool:
+        """Count `steps` more steps of a run, and return True if the code is optimized; then addresses have changed.
 
         While another thread compiles, this thread continues with the quick version.
         """
         self._left -= steps
-        if self._left > 0 or not self._lock.acquire(blocking=False):
-            return
-        try:
-            if self._well is None:
-                if self._needs is not None:
-                    self._needs(well=True)
-                well = Module(self.ir, **self._passes)
-                self.address = well.address(self._name)
-                self._well = well
-        finally:
-            self._lock.release()
+        if self._left <= 0 and self._lock.acquire(blocking=False):
+            try:
+                if not self.is_final:
+                    if self._needs is not None:
+                        self._needs(well=True)
+                    self._best = Module(self.ir, **self._passes)
+            finally:
+                self._lock.release()
+        return self.is_final
 
 
 _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
@@ -354,7 +351,7 @@ class CompiledProcedure(Shared):
         """Word of the result if it is one whole number, such as the outcome of a loop over steps."""
         text = called_ir(procedure, elsewhere)
         passes = {"optimize": optimize, "merge": not optimize}
-        self.module = TieredModule(text, "run", needs=needs, **passes) if tiers else Module(text, **passes)
+        self.module = TieredModule(text, needs=needs, **passes) if tiers else Module(text, **passes)
 
     @property
     def run(self) -> Any:
@@ -362,17 +359,12 @@ class CompiledProcedure(Shared):
 
         The function changes when code is compiled again.
         """
-        return _function_at(self._address("run"))
+        return _function_at(self.module.address("run"))
 
     @property
     def steps(self) -> int:
         """Address of the compiled function `steps`, by which another compiled loop calls this loop over steps."""
-        return self._address("steps")
-
-    def _address(self, name: str) -> int:
-        """Return the address of the function `name` in the best code that is compiled so far."""
-        module = self.module
-        return module.address_of(name) if isinstance(module, TieredModule) else module.address(name)
+        return self.module.address("steps")
 
     def bound(self) -> CompiledCall:
         """Return an object that keeps arguments of the procedure between calls, and runs it when called."""
@@ -395,7 +387,8 @@ class CompiledCall:
         self._reals: Any = self.words.view(np.float64).data
         self._address = address(self.words)
         self._kept: dict[str, Any] = {}
-        self._quick = isinstance(code.module, TieredModule) and not code.module.is_final
+        self.is_final = code.module.is_final
+        """True if the code will not be compiled again."""
 
     def give(self, **arguments: Any) -> None:
         """Set arguments of the procedure by name, as `BoundCall` says."""
@@ -411,29 +404,18 @@ class CompiledCall:
         self._run(self._address)
         if self.code.only_whole is not None:
             return self._wholes[self.code.only_whole]
-        results = [self._result(index, kind) for index, kind in self.code.results]
+        results = [
+            self._reals[index] if kind is REAL else bool(self._wholes[index]) if kind is FLAG else self._wholes[index]
+            for index, kind in self.code.results
+        ]
         return results[0] if len(results) == 1 else tuple(results) or None
-
-    def _result(self, index: int, kind: Any) -> Any:
-        """Return the result in the word `index` as a Python float, int or bool. `kind` is the type of the result."""
-        if kind is REAL:
-            return self._reals[index]
-        return bool(self._wholes[index]) if kind is FLAG else self._wholes[index]
-
-    @property
-    def is_final(self) -> bool:
-        """True if the code will not be compiled again."""
-        return not self._quick
 
     def count(self, steps: int) -> bool:
         """Count `steps` more steps. Return True if optimized code replaces the quickly compiled code from now on."""
-        tiers = self.code.module
-        if not self._quick or not isinstance(tiers, TieredModule):
+        if self.is_final or not self.code.module.count(steps):
             return False
-        tiers.count(steps)
-        if tiers.is_final:
-            self._run, self._quick = self.code.run, False
-        return tiers.is_final
+        self._run, self.is_final = self.code.run, True
+        return True
 
 
 def _word(value: Any) -> int:

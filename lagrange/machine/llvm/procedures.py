@@ -35,9 +35,11 @@ from lagrange.machine.llvm.vectors import (
     Lanes,
     accesses,
     base_arrays,
+    gathered,
     number,
     number_of_angles,
-    printed,
+    operation,
+    reduced,
     scatter,
     store,
     widest,
@@ -347,11 +349,16 @@ class Printer(Visitor):
                 store(self, statement)
             case form.Scatter():
                 scatter(self, statement)
-            case form.VectorLet(op=op) if op in ANGLES:
-                self.define(statement.ref, self.angle(*statement.args)[ANGLES.index(op)], statement.vector)
-            case _:
-                kind = statement.kind if isinstance(statement, form.Reduce) else statement.vector
-                self.define(statement.ref, printed(self, statement), kind)
+            case form.VectorLet(ref=ref, vector=vector, op=op):
+                angle = self.angle(*statement.args)[ANGLES.index(op)] if op in ANGLES else None
+                self.define(ref, angle or operation(self, statement), vector)
+            case form.Reduce(ref=ref, kind=kind):
+                self.define(ref, reduced(self, statement), kind)
+            case form.Gather(ref=ref, vector=vector):
+                self.define(ref, gathered(self, statement), vector)
+            case form.VectorLoad(ref=ref, vector=vector, array=array, place=place):
+                where = self.e.address(self.values[array], self.values[place], KINDS[vector.kind])
+                self.define(ref, self.e.load(where, type_of(*vector)), vector)
 
     def angle(self, ref: int) -> tuple[str, str]:
         """Print the sine and cosine of the angle `ref`, inline or by a function call, and return both operands."""

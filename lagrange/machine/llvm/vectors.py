@@ -221,23 +221,6 @@ def number(value: str) -> int | None:
     return None if value.startswith("%") else int(value)
 
 
-def printed(printer: Printer, statement: form.VectorLet | form.Reduce | form.VectorLoad | form.Gather) -> str:
-    """Print a statement that defines a vector, or a single value from a vector, and return its operand.
-
-    `printer` prints the procedure, and has the operands of earlier values.
-    """
-    match statement:
-        case form.VectorLet():
-            return _operation(printer, statement)
-        case form.Reduce():
-            return _reduced(printer, statement)
-        case form.Gather():
-            return _gathered(printer, statement)
-        case form.VectorLoad():
-            array, place, kind = printer.values[statement.array], printer.values[statement.place], statement.vector.kind
-            return printer.e.load(printer.e.address(array, place, KINDS[kind]), type_of(*statement.vector))
-
-
 def _vector(printer: Printer, ref: int) -> Vector:
     """Return the type of the vector with the id `ref`. `printer` prints the procedure."""
     vector = printer.types[ref]
@@ -245,7 +228,7 @@ def _vector(printer: Printer, ref: int) -> Vector:
     return vector
 
 
-def _operation(printer: Printer, let: form.VectorLet) -> str:
+def operation(printer: Printer, let: form.VectorLet) -> str:
     """Print an operation on vectors and return its operand."""
     e, (_, width) = printer.e, let.vector
     if let.op == "permute":
@@ -317,7 +300,7 @@ def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single:
     return made
 
 
-def _reduced(printer: Printer, reduce: form.Reduce) -> str:
+def reduced(printer: Printer, reduce: form.Reduce) -> str:
     """Emit one entry of a vector, or the flag that is true if any entry is true, and return its operand."""
     e, value, (kind, width) = printer.e, printer.values[reduce.vector], _vector(printer, reduce.vector)
     if reduce.op == "entry":
@@ -326,7 +309,7 @@ def _reduced(printer: Printer, reduce: form.Reduce) -> str:
     return e.value(f"icmp ne i{width} {mask}, 0")
 
 
-def _gathered(printer: Printer, gather: form.Gather) -> str:
+def gathered(printer: Printer, gather: form.Gather) -> str:
     """Emit the read of the entries of an array at the indices in a vector, and return the operand of the result."""
     kind, width = gather.vector
     vector, name = type_of(kind, width), f"llvm.masked.gather.{suffix(type_of(kind, width))}.v{width}p0"
