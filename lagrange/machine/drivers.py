@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.constants import RELATIVE_PERTURBATION, WIDEST_VECTOR, perturbation_factors
 from lagrange.algorithm.events.constants import CROSSING
-from lagrange.algorithm.step.memory import EFFORT, NEWTON, Kept, kept
+from lagrange.algorithm.step.memory import EFFORT, NEWTON
 from lagrange.algorithm.taylor.memory import HELD, MOST_SURFACES
 from lagrange.algorithm.taylor.watching import MOST_ZEROS, PARTS, SETTINGS, SIDES, WATCH, scratch_sizes
 from lagrange.graph.node import Node
@@ -237,12 +237,11 @@ class StepDriver:
                 callback = machine.callback(corrections, parameters)
                 self._call.give(**{name: callback.function, numbers: callback.numbers})
         self._call.give(effort=self._record(EFFORT, layout.effort))
-        self._newtons = [self._record(NEWTON, solve.flags) for solve in layout.solves]
+        for i, solve in enumerate(layout.solves):
+            self._call.give(**{f"newtons_{i}": self._record(NEWTON, solve.flags)})
         # The layout of the starter, the method of the first steps, follows the vectors of the step.
-        starting = () if step.starter is None else layout.starting.solves
-        self._starters = [self._record(NEWTON, layout.end + solve.flags) for solve in starting]
-        self._call.give(**{f"newtons_{i}": record for i, record in enumerate(self._newtons)})
-        self._call.give(**{f"starters_{i}": record for i, record in enumerate(self._starters)})
+        for i, solve in enumerate(() if step.starter is None else layout.starting.solves):
+            self._call.give(**{f"starters_{i}": self._record(NEWTON, layout.end + solve.flags)})
         self._budget: int | None = None
         """The budget of calls without rows, None if the arguments of the loop may be others."""
         self._state: DriverState | None = None
@@ -299,18 +298,6 @@ class StepDriver:
         """Add `steps` steps to the count of steps. After many steps, optimized code is compiled and used."""
         if self._call.count(steps):
             self._function = None
-
-    def kept(self) -> tuple[Kept, ...]:
-        """Return the data that Newton's method keeps from step to step, for each system of implicit equations.
-
-        The systems of the step come first, then those of the starter, the method of the first steps.
-        """
-        layout, starting = self._layout, self._layout.starting
-        solves = [(layout, self._work, *pair) for pair in zip(self._newtons, layout.solves, strict=True)]
-        if self._starters:
-            work = self._work[layout.end :]
-            solves += [(starting, work, *pair) for pair in zip(self._starters, starting.solves, strict=True)]
-        return tuple(kept(where, newton.matrix_step, solve, work) for where, work, newton, solve in solves)
 
 
 def numbers_of(step: StepProgram, scalars: Program, t: float, h: float, ratio: float) -> dict[Node, float]:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from lagrange.algorithm.step.memory import NEWTON
 from lagrange.graph.sympy_nodes import to_sympy
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
@@ -157,8 +158,13 @@ def test_dampers_are_inverses_of_the_identity_less_a_multiple_of_the_derivative(
     model = linear(target, 3, constrained=False)
     steps = Steps(method_of(name), model)
     steps.take()
-    dampers = [damper for kept in steps.driver.kept() for damper in kept.dampers]
-    length = next(kept.step for kept in steps.driver.kept())
+    layout, work = steps.driver._layout, steps.driver._work
+    solve = layout.solves[0]
+    dampers = [
+        work[solve.damper(damp) :][: solve.length * solve.width].reshape(solve.length, solve.width)[:, : solve.length].T
+        for damp in solve.damped
+    ]
+    length = work[solve.flags + NEWTON.places["matrix_step"]]
     jacobian = model.jacobian(0.0, np.zeros(6))
     assert len(dampers) == len(steps.step.damps) > 0
     for damper, damp in zip(dampers, steps.step.damps, strict=True):

@@ -13,9 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lagrange.algorithm.constants import whole_blocks
 from lagrange.algorithm.linear.gauss_jordan import row_stride
 from lagrange.algorithm.projection import CORRECTIONS
@@ -183,50 +180,6 @@ class SolveLayout:
     def damper(self, damp: Damp) -> int:
         """Return the offset of the matrix of the damping action `damp`."""
         return self.dampers + self.damped.index(damp) * self.length * self.width
-
-
-@dataclass(frozen=True)
-class Kept:
-    """Copies of Newton's data for one system of implicit equations with m unknown numbers.
-
-    `inverse` (m, m) is the inverse of the derivative of the residuals by the unknowns, for steps of length
-    `step`; if that is 0, the next step builds a new one. `derivative` is that of the law, the function that the
-    step evaluates, (results, arguments). `dampers` are the matrices (I - factor J)^-1 of the damping actions,
-    (2n, 2n) each. `weights` (m,) are the weights of corrections in their norm.
-    """
-
-    step: float
-    derivative: NDArray[np.float64]
-    inverse: NDArray[np.float64]
-    dampers: tuple[NDArray[np.float64], ...]
-    weights: NDArray[np.float64]
-
-
-def kept(layout: Layout, matrix_step: float, solve: SolveLayout, work: NDArray[np.float64]) -> Kept:
-    """Return the data of Newton's method for the implicit equations `solve`, read from the work array.
-
-    `matrix_step` is the length of the steps for which the stored matrix was built.
-    """
-
-    def columns(begin: int, vectors: int) -> NDArray[np.float64]:
-        """Return a square matrix (m, m) that is stored by columns in the work array, from `begin` on.
-
-        m is `vectors` * `solve.length`. Each column is stored as `vectors` vectors with padding, which the
-        result does not have.
-        """
-        order = vectors * solve.length
-        padded = work[begin : begin + order * vectors * solve.width].reshape(order, vectors, solve.width)
-        return np.array(padded[:, :, : solve.length].reshape(order, order).T)
-
-    derivative = work[solve.derivative : solve.derivative + layout.rows * layout.columns]
-    weights = work[solve.weights : solve.weights + solve.all].reshape(-1, solve.width)
-    return Kept(
-        step=matrix_step,
-        derivative=derivative.reshape(layout.columns, layout.rows).T.copy(),
-        inverse=-columns(solve.inverse, solve.solve.count),
-        dampers=tuple(columns(solve.damper(damp), 1) for damp in solve.damped),
-        weights=weights[:, : solve.length].ravel(),
-    )
 
 
 FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
