@@ -72,7 +72,7 @@ def coefficients(
 
 def all_forms(equations: Equations) -> list[SeriesProgram]:
     """Return the programs of all forms of the equations, with rates of sums whole and separate."""
-    result = assemblies(equations, switched_equations(equations))
+    result = assemblies(equations, *switched_equations(equations))
     return [assembly.program("series") for assembly in result]
 
 

@@ -223,7 +223,7 @@ class StepDriver:
         self._layout, self._work = layout, workspace(layout.size)
         self._call: Any = self._loop.bound()
         n = layout.dimension // 2
-        second = layout.width if step.partitioned else n
+        second = layout.width if step.states == 2 else n
         self._entries = np.array([*range(n), *range(second, second + n)])
         """Indices of the entries of the state in the work array: one vector, or coordinates and velocities."""
         self._kernels = kernel, jacobian, projection

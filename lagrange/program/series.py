@@ -211,23 +211,8 @@ class SeriesProgram:
         With `left` the momenta on the left of the linear systems are included.
         """
         named = [value for stage in self.stages for value in (*(stage.left if left else ()), *stage.right)]
-        kept = self.kept | self.ranked | self.lagged
+        kept = kept_values(self.rules) | kept_values(self.rules, ranked=True) | lagged_values(self.rules)
         return [value for value in (*named, *self.watched, *self.rates, *sorted(kept)) if value is not None]
-
-    @cached_property
-    def kept(self) -> frozenset[int]:
-        """Indices of values whose coefficients x[j] of lower orders some rule reads without a factor j."""
-        return kept_values(self.rules)
-
-    @cached_property
-    def ranked(self) -> frozenset[int]:
-        """Indices of values whose coefficients x[j] of lower orders some rule reads as j * x[j]."""
-        return kept_values(self.rules, ranked=True)
-
-    @cached_property
-    def lagged(self) -> frozenset[int]:
-        """Indices of values whose coefficient of order k - 1 some rule reads at order k: integrands of integrals."""
-        return lagged_values(self.rules)
 
     @cached_property
     def watched_degree(self) -> int:

@@ -210,11 +210,6 @@ class StepProgram:
     starter: StepProgram | None = None
 
     @property
-    def partitioned(self) -> bool:
-        """True if coordinates and velocities are two vectors."""
-        return LAWS[self.law].states == 2
-
-    @property
     def states(self) -> int:
         """Number of vectors of the state: 1 for [q, v], 2 for coordinates and velocities."""
         return LAWS[self.law].states

@@ -25,14 +25,15 @@ SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"
 
 @dataclass(frozen=True, eq=False)
 class Switched:
-    """Expressions without switches: `outputs` contain `sides`, a symbol for each switching function in `surfaces`.
+    """Expressions without switches: `smooth` maps the stated nodes to expressions in `sides`.
 
-    A side is the sign of its function: 1, -1 or 0. `expressions` has the same functions as in the statement, with the
-    switches inside them. `stated` has these restricted to the branches in which they are evaluated. `starts` maps
-    each angle that jumps on a surface to its value at order 0, which depends on the side of the surface.
+    A side is a symbol for the sign of one of the switching functions `surfaces`: 1, -1 or 0. `expressions` has the same
+    functions as in the statement, with the switches inside them. `stated` has these restricted to the branches in which
+    they are evaluated. `starts` maps each angle that jumps on a surface to its value at order 0, which depends on the
+    side of the surface.
     """
 
-    outputs: tuple[Node, ...]
+    smooth: Mapping[Node, Node]
     surfaces: tuple[Node, ...]
     sides: tuple[Node, ...]
     stated: tuple[Node, ...]
@@ -40,20 +41,19 @@ class Switched:
     starts: Mapping[Node, Node]
 
 
-def switch(graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = ()) -> Switched:
+def switch(graph: Graph, outputs: Sequence[Node]) -> Switched:
     """Replace every switch that depends on the motion by an expression in the side (the sign) of its surface.
 
-    Switches of parameters alone remain. The smooth `events` follow the outputs. Steps also end at jumps of an atan2 in
-    an event. Its series is smooth through the jump, and would not show zeros after it.
+    Switches of parameters alone remain. Steps also end at jumps of an atan2 in an event, which is one of the outputs.
+    Its series is smooth through the jump, and would not show zeros after it.
     """
-    outputs = (*outputs, *events)
     switches = _Switches(graph, read_when(graph, outputs), _with_sides(outputs))
     table: dict[Node, Node] = {}
     switches.smooth(outputs, table)
     conditions = [switches.condition(i) for i in range(len(switches.sides))]
     switches.smooth(conditions, table)
     return Switched(
-        outputs=tuple(table[node] for node in outputs),
+        smooth={node: table[node] for node in outputs},
         surfaces=tuple(where_read(g, table[c]) for g, c in zip(switches.surfaces, conditions, strict=True)),
         sides=tuple(switches.sides),
         stated=tuple(where_read(g, c) for g, c in zip(switches.expressions, conditions, strict=True)),

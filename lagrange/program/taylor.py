@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import accumulate, pairwise
-from typing import NamedTuple
 
 from lagrange.equations.euler_lagrange import Equations, MotionForm, bias_forces, mass_matrix
 from lagrange.equations.solve_plan import SolvePlan, plan_of
@@ -31,14 +29,14 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
 
     The watched values are the surfaces, followed by the nodes `watched` (of events).
     """
-    solved = solved_within(watched)
     plain, chosen = replace(equations, turning=None), in_rates(equations)
-    if solved or (chosen.turning is not None and not chosen.turning.adjacent):
+    if solved_within(watched) or (chosen.turning is not None and not chosen.turning.adjacent):
         chosen = plain
-    switched = switched_equations(chosen, watched)
+    parts, switched = switched_equations(chosen, watched)
     if chosen.turning is not None and any(map(chosen.turning.has, switched.stated)):
-        chosen, switched = plain, switched_equations(plain, watched)
-    best = min(assemblies(chosen, switched, solved=solved), key=lambda assembly: assembly.cost)
+        chosen = plain
+        parts, switched = switched_equations(plain, watched)
+    best = min(assemblies(chosen, parts, switched), key=lambda assembly: assembly.cost)
     return best.program("series"), switched
 
 
@@ -51,22 +49,37 @@ def in_rates(e: Equations) -> Equations:
     return replace(e, motion=motion, matrix=mass, plan=plan_of(mass))
 
 
-def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Switched:
+Parts = Mapping[str, Sequence[Node]]
+"""The nodes from which a series is built, in blocks: the rates dq/dt, momenta, forces, constraints on velocities, G by
+rows, and the triangle of the system matrix. The block `right` is the right-hand side of the equations of motion if the
+watched nodes contain accelerations or multipliers, else empty. `watched` are the switching surfaces, then the watched
+nodes.
+"""
+
+
+def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> tuple[Parts, Switched]:
     """Return the nodes of the equations of motion and the `watched` ones, with smooth expressions for switches.
 
-    `_Parts` names the outputs. In the watched nodes, symbols replace accelerations and multipliers that a linear
-    system determines.
+    In the watched nodes, symbols replace accelerations and multipliers that a linear system determines.
     """
     e, held = equations, equations.constraints
-    gradient = [entry for row in held.gradient for entry in row]
-    matrix = [e.matrix[i][j] for i, j in e.plan.triangle]
-    right = [*e.motion.bias, *(-gamma for gamma in held.bias)] if solved_within(watched) else ()
+    right = [*e.motion.bias, *(-gamma for gamma in held.bias)] if solved_within(watched) else []
     unknown = zip(e.solution, motion_symbols(e), strict=True) if right else ()
     seen = substitute(watched, {node: symbol for node, symbol in unknown if node.kind is Kind.COMPONENT})
+    stated = {
+        "rates": e.rate,
+        "momenta": e.motion.momenta,
+        "forces": e.motion.forces,
+        "velocities": held.velocities,
+        "gradient": [entry for row in held.gradient for entry in row],
+        "triangle": [e.matrix[i][j] for i, j in e.plan.triangle],
+        "right": right,
+    }
     # A constraint on positions may jump although its rate of change does not. Its surfaces belong to the motion, too.
     positions = [phi for phi in held.positions if phi is not None]
-    outputs = (*e.rate, *e.motion.momenta, *e.motion.forces, *held.velocities, *gradient, *matrix, *right, *positions)
-    return switch(e.graph, outputs, seen)
+    switched = switch(e.graph, [*(node for block in stated.values() for node in block), *positions, *seen])
+    smooth = {name: [switched.smooth[node] for node in block] for name, block in stated.items()}
+    return {**smooth, "watched": [*switched.surfaces, *(switched.smooth[node] for node in seen)]}, switched
 
 
 def solved_within(watched: Sequence[Node]) -> bool:
@@ -79,46 +92,17 @@ def motion_symbols(e: Equations) -> list[Node]:
     return [e.graph.symbol(f"motion {i}", Binding.ACCELERATION) for i in range(len(e.matrix))]
 
 
-class _Parts(NamedTuple):
-    """The outputs of `switched_equations`: dq/dt, momenta, forces, constraints on velocities, G, the system matrix.
-
-    `right` is the right-hand side of the equations of motion if the watched nodes contain accelerations or multipliers,
-    else empty. `watched` are the switching surfaces, then the watched nodes.
-    """
-
-    rate: Sequence[Node]
-    momenta: Sequence[Node]
-    forces: Sequence[Node]
-    velocities: Sequence[Node]
-    gradient: Sequence[Node]
-    triangle: Sequence[Node]
-    right: Sequence[Node]
-    watched: Sequence[Node]
-
-    @classmethod
-    def of(cls, e: Equations, switched: Switched, *, solved: bool) -> _Parts:
-        """Return the outputs of `switched_equations`, divided into their parts; `right` is empty unless `solved`."""
-        n, m = len(e.motion.momenta), len(e.constraints)
-        right = len(e.matrix) if solved else 0
-        positions = sum(phi is not None for phi in e.constraints.positions)
-        lengths = (len(e.rate), n, n, m, m * n, len(e.plan.triangle), right, positions, len(switched.outputs))
-        ends = accumulate((0, *lengths))
-        rate, p, f, psi, gradient, triangle, h, _, rest = (switched.outputs[begin:end] for begin, end in pairwise(ends))
-        return cls(rate, p, f, psi, gradient, triangle, h, (*switched.surfaces, *rest))
-
-
-def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> list[_Assembly]:
+def assemblies(e: Equations, parts: Parts, switched: Switched) -> list[_Assembly]:
     """Return the builders of the series, two for each form of the equations. The caller chooses the cheapest.
 
-    The two differ in whether the factors a' - b' in rates of sin(a - b) are multiplied out. `switched` are the
-    equations without switches. `solved` is true if accelerations or multipliers are watched.
+    The two differ in whether the factors a' - b' in rates of sin(a - b) are multiplied out. `parts` and `switched` are
+    the equations without switches.
     """
-    parts = _Parts.of(e, switched, solved=solved)
-    p, f = list(parts.momenta), list(parts.forces)
+    p, f = list(parts["momenta"]), list(parts["forces"])
     n = len(p)
-    derivatives = dict(zip(e.q, parts.rate, strict=True)) if e.turning is None else e.turning.derivatives
+    derivatives = dict(zip(e.q, parts["rates"], strict=True)) if e.turning is None else e.turning.derivatives
     q, rate = list(derivatives), list(derivatives.values())
-    steady = _constant([entry for (i, _), entry in zip(e.plan.triangle, parts.triangle, strict=True) if i < n])
+    steady = _constant([entry for (i, _), entry in zip(e.plan.triangle, parts["triangle"], strict=True) if i < n])
     if steady:
         # Only the part M v of p is solved for. The rest, from a potential that depends on velocities, is a force; no
         # form may assume p.
@@ -134,28 +118,28 @@ class _Assembly:
     """Builds the series of one form of the equations of motion: its values and their rules."""
 
     def __init__(
-        self, equations: Equations, form: Form, parts: _Parts, switched: Switched, *, steady: bool, apart: bool
+        self, equations: Equations, form: Form, parts: Parts, switched: Switched, *, steady: bool, apart: bool
     ) -> None:
         self.equations = equations
-        self.triangles, self.switched = parts.triangle, switched
-        self.plan = replace(equations.plan, moving=not _constant(parts.triangle))
+        self.triangles, self.switched = parts["triangle"], switched
+        self.plan = replace(equations.plan, moving=not _constant(parts["triangle"]))
         self.steady = steady
-        lower = dict(zip(equations.plan.triangle, parts.triangle, strict=True))
+        lower = dict(zip(equations.plan.triangle, parts["triangle"], strict=True))
         self.entries = {**lower, **{(j, i): entry for (i, j), entry in lower.items()}}
         graph, m, turning = equations.graph, len(equations.constraints), equations.turning
         velocities = equations.v if turning is None else turning.velocities
         n, spun = len(equations.q), {} if turning is None else turning.spun
         forces = [node for terms in form.forces for _, node in terms]
         inertia = forces if steady else form.nodes
-        self.motion = motion_symbols(equations) if parts.right else []
-        balance = self.balance(parts.right)
+        self.motion = motion_symbols(equations) if parts["right"] else []
+        balance = self.balance(parts["right"])
         nodes = [
             *inertia,
-            *parts.velocities,
-            *parts.gradient,
+            *parts["velocities"],
+            *parts["gradient"],
             *balance,
-            *parts.watched,
-            *parts.rate,
+            *parts["watched"],
+            *parts["rates"],
             *(rate for rate, _, _ in spun.values()),
         ]
         solved_for = [*(v for v in velocities if v not in equations.v), *self.motion]
@@ -165,7 +149,7 @@ class _Assembly:
             equations.v,
             equations.time,
             nodes,
-            rate=parts.rate,
+            rate=parts["rates"],
             apart=apart,
             unknowns={symbol: n + m + i for i, symbol in enumerate(solved_for)},
             integrals={} if turning is None else turning.integrals,
@@ -174,17 +158,17 @@ class _Assembly:
         self.spun = {self.builder.values[equations.v[i]]: self.spin(rate, pull) for i, (rate, _, pull) in spun.items()}
         self.builder.starts.update({} if turning is None else turning.starts)
         self.builder.starts.update(switched.starts)
-        solution = equations.plan.solved(self.matrix, parts.right) if parts.right else []
+        solution = equations.plan.solved(self.matrix, parts["right"]) if parts["right"] else []
         self.builder.starts.update(zip(self.motion, solution, strict=True))
         self.sums = form.parts
         self.known: dict[Node, int | None] = {}
         self.momenta = [None if steady else self.momentum(node) for node in form.momenta]
         self.forces = [self.force(terms) for terms in form.forces]
-        self.constrain(parts.velocities, parts.gradient)
+        self.constrain(parts["velocities"], parts["gradient"])
         self.balances = [self.builder.value(node) for node in balance]
-        self.seen = tuple(substitute(parts.watched, dict(zip(self.motion, solution, strict=True))))
-        self.watched = [self.builder.value(node) for node in parts.watched]
-        self.rates = tuple(self.builder.value(rate) for rate in parts.rate)
+        self.seen = tuple(substitute(parts["watched"], dict(zip(self.motion, solution, strict=True))))
+        self.watched = [self.builder.value(node) for node in parts["watched"]]
+        self.rates = tuple(self.builder.value(rate) for rate in parts["rates"])
 
     @property
     def matrix(self) -> list[list[Node]]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.algorithm.linear.gauss_jordan import UNROLLED_ORDER, inversion, row_stride
+from lagrange.algorithm.linear.gauss_jordan import UNROLLED_ORDER, invert_matrix, row_stride
 from lagrange.algorithm.linear.symmetric import band_size, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.llvm.address import address
@@ -95,8 +95,10 @@ ORDERS = [1, 2, 3, 4, 5, 8, 12, UNROLLED_ORDER, UNROLLED_ORDER + 1, 30]
 
 @cache
 def compiled_inverse(n: int) -> tuple[Module, Callable[[int, int], bool]]:
-    module = Module(printed([inversion(n)]), optimize=True)
-    return module, ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)(module.address(inversion(n).name))
+    module = Module(printed([invert_matrix.form(n=n)]), optimize=True)
+    return module, ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)(
+        module.address(invert_matrix.form(n=n).name)
+    )
 
 
 def invert(matrix: FloatArray) -> tuple[FloatArray, bool]:

@@ -49,12 +49,12 @@ def same_without_switches(node: Node, surfaces: int) -> Switched:
     """Return the smooth form of a node, after a check that both are equal at all states."""
     result = switch(GRAPH, [node])
     assert len(result.surfaces) == len(result.sides) == surfaces
-    assert not any(map(switches, reachable(result.outputs)))
+    assert not any(map(switches, reachable([result.smooth[node]])))
     for state in STATES:
         signs = [0.0] * surfaces
         for i, surface in enumerate(result.surfaces):  # a surface depends on those before it
             signs[i] = float(sp.sign(values([surface], state, list(result.sides), signs)[0]))
-        assert values(list(result.outputs), state, list(result.sides), signs) == values([node], state, [], []), state
+        assert values([result.smooth[node]], state, list(result.sides), signs) == values([node], state, [], []), state
     return result
 
 
@@ -112,9 +112,9 @@ def test_an_angle_on_its_cut_has_the_limit_from_the_side() -> None:
 def test_the_angle_of_an_event_has_a_surface() -> None:
     """The angle in an event has the surface of the same angle in the equations; a switch adds one for its sign."""
     angle = call("atan2", y, x)
-    assert switch(GRAPH, [v], [angle - 3]).surfaces == (y,)
-    assert len(switch(GRAPH, [v + angle], [angle - 3]).surfaces) == 1
-    assert len(switch(GRAPH, [v], [call("abs", angle) - 3]).surfaces) == 2
+    assert switch(GRAPH, [v, angle - 3]).surfaces == (y,)
+    assert len(switch(GRAPH, [v + angle, angle - 3]).surfaces) == 1
+    assert len(switch(GRAPH, [v, call("abs", angle) - 3]).surfaces) == 2
 
 
 def test_a_whole_turn_within_a_period_needs_no_surface() -> None:

@@ -437,16 +437,6 @@ def has_begun(times: In, steps: int, step: int, time: float, sign: float) -> boo
     return (begin - time) * sign <= 0.0 and step < steps
 
 
-@inline
-def lies_before(output_times: In, count: int, index: int, end: float, sign: float) -> bool:
-    """Return True if output time number `index` exists and is before the time `end`, along the run.
-
-    There are `count` output times, and `sign` is the direction of the run, 1.0 or -1.0.
-    """
-    time = output_times[min(index, count - 1)]
-    return (time - end) * sign < 0.0 and index < count
-
-
 @procedure(path=path_type, out=lambda: BLOCKS)
 def outputs(path: RunPath, output_times: In, count: int, sign: float, out: Out, stride: int, c: Out) -> None:
     """Write the states at `count` sorted times `output_times` along a run to `out`.
@@ -466,7 +456,7 @@ def outputs(path: RunPath, output_times: In, count: int, sign: float, out: Out, 
             used += 1
             end = times[step + 1]
             index += 1
-            while lies_before(output_times, count, index, end, sign):
+            while (output_times[min(index, count - 1)] - end) * sign < 0.0 and index < count:
                 index += 1
         begins[used] = index
         for b in range(used, columns):

@@ -347,7 +347,9 @@ def series_polynomial(
         work[i] = 0.0
     for b in range(columns):
         h = step.h[b]
-        scale = nearest_scale(h)
+        # The power of two nearest to the length of the step.
+        binary = exponent(h)
+        scale = 1.0 if h == 0.0 else two_to(binary + 1 if mantissa(h) > HALF else binary)
         for j in range(dimension):
             work[j] = step.y[j * columns + b]
         singular = jet(step.t[b], scale, work, prepared, constants, rows, order)
@@ -357,10 +359,3 @@ def series_polynomial(
             for j in range(dimension):
                 out[k * total + j * columns + b] = rows[k * width + j] * power
             power *= ratio
-
-
-@inline
-def nearest_scale(h: float) -> float:
-    """Return the power of two nearest to the magnitude of a step length h; 1 for length zero."""
-    power = exponent(h)
-    return 1.0 if h == 0.0 else two_to(power + 1 if mantissa(h) > HALF else power)

@@ -15,7 +15,7 @@ import math
 
 from lagrange.algorithm.constants import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.linear.symmetric import PIVOT
-from lagrange.procedure.form import PARTIAL, Array, Procedure
+from lagrange.procedure.form import PARTIAL, Array
 from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import Out, Readable, Writable, each, fma, unrolled, wholes
 
@@ -26,11 +26,6 @@ UNROLLED_ORDER = 16
 def row_stride(n: int) -> int:
     """Return the distance in memory between the rows of a matrix of size n: n rounded up to whole blocks."""
     return whole_blocks(n, PARTIAL)
-
-
-def inversion(n: int) -> Procedure:
-    """Return the procedure that inverts matrices of size n. Its work memory `scratch` takes three rows."""
-    return invert_matrix.form(n=n)
 
 
 @procedure(

@@ -228,12 +228,6 @@ def factor_size(n: int) -> int:
     return 1 + pivoted_size(n, n)
 
 
-@inline
-def is_trusted(pivot: float, diagonal: float) -> bool:
-    """Return True if a pivot of L D L^T is above the rounding error of its diagonal entry in A."""
-    return pivot > abs(diagonal) * PIVOT
-
-
 @procedure
 def factor_columns(n: int, stride: int, a: In, lower: Out, reciprocals: Out) -> bool:
     """Factor a symmetric matrix as L D L^T without pivoting. Return True if every pivot is large enough.
@@ -246,7 +240,7 @@ def factor_columns(n: int, stride: int, a: In, lower: Out, reciprocals: Out) -> 
     for j in range(n):
         column = lower[j * stride :]
         d = column[j]
-        large = is_trusted(d, a[j * n + j])
+        large = d > abs(a[j * n + j]) * PIVOT
         trusted = trusted and large
         reciprocal = 1.0 / d
         reciprocals[j] = reciprocal

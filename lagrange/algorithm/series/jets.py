@@ -37,7 +37,6 @@ from lagrange.algorithm.series.rules import (
     gathered,
     joined,
     less,
-    of_width,
     plus,
     put,
     wide,
@@ -126,7 +125,8 @@ class JetBuilder:
     def fill(self, chunks: Sequence[Chunk]) -> None:
         """Compute the Taylor coefficients of `chunks` at the present order, each by the rule of its chunk."""
         for chunk in chunks:
-            self.x[chunk] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
+            x = coefficient(ChunkAt(self, chunk))
+            self.x[chunk] = None if x is None else wide(self.p, x, len(chunk.values))
 
     def at_zero(self, operand: Operand) -> Term:
         """Return the values of an operand at order 0, as a number or vector; None if all of them are zero."""
@@ -385,10 +385,14 @@ class Row:
                 self.places[chunk.whole] = begin
             begin += chunk.count
         self.size = watched_at + len(packing.program.watched)
-        # Later orders read the factors of sums, the operands of the next order and dq/dt. With several lanes operands
-        # that are read at order 0 are stored, too.
-        initial = packing.initial if packing.lanes > 1 else ()
-        for operand in (*packing.summed, *packing.delayed, *packing.rates, *initial):
+        # Later orders read the factors of sums, the operands of the next order (integrands and forces) and dq/dt. With
+        # several lanes operands that rules of higher orders read at order 0 are stored, too.
+        computed = packing.computed
+        summed = [operand for chunk in computed for pair in chunk.sums for operand in pair]
+        integrands = [chunk.args[0] for chunk in computed if chunk.op == "integral"]
+        forces = [force for stage in packing.stages for force in stage.right if force is not None]
+        initial = [operand for chunk in computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
+        for operand in (*summed, *integrands, *forces, *packing.rates, *(initial if packing.lanes > 1 else ())):
             if operand not in self.places:
                 lanes = len(operand.values)
                 self.places[operand] = whole_blocks(self.size, lanes)

@@ -138,24 +138,6 @@ class Packing:
         parts = (part for stage in self.stages for part in (stage.trial, stage.found))
         return tuple(dict.fromkeys(chunk for part in (self.before, *parts) for chunk in part))
 
-    @cached_property
-    def summed(self) -> tuple[Operand, ...]:
-        """Operands whose lower orders occur in sums, each once."""
-        return tuple(dict.fromkeys(operand for chunk in self.computed for pair in chunk.sums for operand in pair))
-
-    @cached_property
-    def delayed(self) -> tuple[Operand, ...]:
-        """Operands whose coefficients are read one order later: integrands and forces, each once."""
-        integrated = [chunk.args[0] for chunk in self.computed if chunk.op == "integral"]
-        forces = [force for stage in self.stages for force in stage.right if force is not None]
-        return tuple(dict.fromkeys([*integrated, *forces]))
-
-    @cached_property
-    def initial(self) -> tuple[Operand, ...]:
-        """Operands whose coefficients of order 0 are read by rules of higher orders, each once."""
-        operands = [operand for chunk in self.computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
-        return tuple(dict.fromkeys(operands))
-
 
 ZERO_LANE = -1
 """Entry of an operand in a lane that is zero."""

@@ -263,11 +263,6 @@ def gathered(p: Builder, packing: Packing, operand: Operand, x: Callable[[Chunk]
     return joined(p, [(None, 0) if home is None else (x(home[0]), home[1]) for home in homes])
 
 
-def of_width(p: Builder, x: Term, size: int) -> Term:
-    """Return a vector of `size` entries: a vector, or a number repeated. None (zero) stays None."""
-    return None if x is None else wide(p, x, size)
-
-
 def wide(p: Builder, x: Term, size: int) -> Real | Entries:
     """Return a vector of `size` entries: a vector, or a number repeated. None gives zeros."""
     value = p.real(0.0) if x is None else x

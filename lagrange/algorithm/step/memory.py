@@ -100,7 +100,7 @@ class Layout:
         self.step, self.dimension, self.block, self.in_registers = step, dimension, block, in_registers
         self.projected = projected
         self.procedure_name = "" if alone else "starter"
-        self.length = dimension // 2 if step.partitioned else dimension
+        self.length = dimension // 2 if step.states == 2 else dimension
         law = LAWS[step.law]
         self.rows, self.columns = law.results * self.length, law.arguments * self.length
         """The shape of the derivative of the law: by results, and by arguments."""
@@ -138,10 +138,6 @@ class Layout:
     def place(self, vector: int) -> int:
         """Return the offset of a vector of the step in the work array, by the number of the vector."""
         return vector * self.width
-
-    def solve_of(self, solve: Solve) -> SolveLayout:
-        """Return the memory layout of the data for `solve`, one of the step's systems of implicit equations."""
-        return self.solves[self.step.solves.index(solve)]
 
 
 class SolveLayout:

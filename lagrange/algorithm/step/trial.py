@@ -43,7 +43,7 @@ def take_step(
         if isinstance(action, Damp):
             damp(vectors, action)
         elif isinstance(action, Solve):
-            outcome = solve_unknowns(arguments, t, h, layout=layout, solve=layout.solve_of(action))
+            outcome = solve_unknowns(arguments, t, h, layout=layout, solve=layout.solves[step.solves.index(action)])
             if outcome != Outcome.DONE:
                 return outcome
         elif step.starts_with_slope and action is step.calls[0]:
@@ -76,7 +76,7 @@ def damp(vectors: StepVectors, action: Damp) -> None:
     `vectors` are the vectors of the step. x is a combination of them, and the result is one of them.
     """
     layout, work = vectors.layout, vectors.running.work
-    solve, result = layout.solve_of(layout.step.solves[action.of]), vectors.at(action.result)
+    solve, result = layout.solves[action.of], vectors.at(action.result)
     vectors.combine(action.vector, work[solve.residual :])
     product = product_of(work[solve.damper(action) :], work[solve.residual :], solve, 1)
     for i in each(layout.width, spill=True, unrolled=product.is_short, disjoint=True):

@@ -77,14 +77,6 @@ def in_registers(program: Program) -> bool:
     return bool(program.returned) and fit(program.states)
 
 
-def solves(program: Program) -> bool:
-    """Return True if a program has linear systems, so that its code may call the solver of dense systems.
-
-    The code of a small system calls this solver only if a pivot is too small.
-    """
-    return any(instruction.op in SYSTEMS for instruction in program.instructions)
-
-
 @dataclass(frozen=True, eq=False)
 class KernelCode:
     """The procedures of a program, and their LLVM IR."""
@@ -267,7 +259,8 @@ class LlvmKernel(Shared):
 
     def __init__(self, program: Program) -> None:
         self.program = program
-        if solves(program):
+        # The code of a small system calls the solver of dense systems only if a pivot is too small.
+        if any(instruction.op in SYSTEMS for instruction in program.instructions):
             linear_solver(often=not all(plan.written_out for plan in program.eliminations.values()))
         self._code = KernelCode(program)
         if solve_columns.form() in self._code.called:

@@ -63,7 +63,7 @@ def declarations() -> str:
     for lanes in WIDTHS:
         vector = type_of(WHOLE, lanes)
         for name in (*_WHOLE_INTRINSICS.values(), "umax"):
-            lines.append(f"declare {vector} @llvm.{name}.{whole_suffix(lanes)}({vector}, {vector})")
+            lines.append(f"declare {vector} @llvm.{name}.{suffix(type_of(WHOLE, lanes))}({vector}, {vector})")
         if lanes > 1:
             lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64({vector})")
     lines += [declaration(name, op) for op, name in LIBRARY.items()]
@@ -132,7 +132,7 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
     if op in _WHOLES:
         return e.value(f"{_WHOLES[op]} {kind} {args[0]}, {args[1]}")
     if op in _WHOLE_INTRINSICS:
-        return e.value(f"call {kind} @llvm.{_WHOLE_INTRINSICS[op]}.{whole_suffix(lanes)}({typed})")
+        return e.value(f"call {kind} @llvm.{_WHOLE_INTRINSICS[op]}.{suffix(type_of(WHOLE, lanes))}({typed})")
     if (op, kinds[0]) in _CONVERTED:
         return e.value(f"{_CONVERTED[op, kinds[0]]} {typed} to {type_of(REAL if op == 'real' else WHOLE, lanes)}")
     if op in _BITS:
@@ -140,11 +140,6 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
     if lanes > 1:
         raise NotImplementedError(f"{op} has no form for several numbers at once")
     return e.value(f"call double @{LIBRARY[op]}({', '.join(f'double {arg}' for arg in args)})")
-
-
-def whole_suffix(lanes: int) -> str:
-    """Return the suffix of LLVM's intrinsics for `lanes` integers."""
-    return "i64" if lanes == 1 else f"v{lanes}i64"
 
 
 def _sign(e: Emitter, typed: str, lanes: int) -> str:
@@ -167,7 +162,7 @@ def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
     """
     kind, bits = type_of(REAL, lanes), type_of(WHOLE, lanes)
     first, second = (e.value(f"bitcast {kind} {e.fabs(arg, kind)} to {bits}") for arg in args)
-    larger = e.value(f"call {bits} @llvm.umax.{whole_suffix(lanes)}({bits} {first}, {bits} {second})")
+    larger = e.value(f"call {bits} @llvm.umax.{suffix(type_of(WHOLE, lanes))}({bits} {first}, {bits} {second})")
     return e.value(f"bitcast {bits} {larger} to {kind}")
 
 

@@ -73,7 +73,7 @@ class StepMethod:
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan of a run: the step program, the step size, and the dense output."""
         tolerances = fixed_settings(self.name, problem, self.step, None, None)
-        if self.program.partitioned:
+        if self.program.states == 2:
             check_separable(self.name, problem.model)
         return StepPlan(self.program, tolerances, hermite_path(self.order))
 
