@@ -6,6 +6,8 @@ values is searched for, by Brent's method without derivatives. So extrema are fo
 
 The step of a Taylor series is sampled while its series is in memory, and counts when it is accepted.
 
+In this module `numbers` are the parameters and all values that depend on them alone.
+
 Source: R. P. Brent, Algorithms for Minimization without Derivatives, 1973, chapter 5.
 """
 
@@ -166,8 +168,7 @@ class MemberStepPath:
     def find(self, memory: PathMemory, table: In, numbers: In) -> None:
         """Write the coefficients of the polynomial of the step `memory.step` to `memory.c`.
 
-        `table` has the coefficients of the method, and `numbers` are the parameters and all values that depend
-        on them alone.
+        `table` has the coefficients of the method.
         """
         step_memory = memory.step.memory
         self.write((numbers, table), 1, step_memory, step_memory, memory.work, memory.c)
@@ -177,8 +178,8 @@ class MemberStepPath:
 def law_of_column(_columns: int, t: In, q: In, _v: In, numbers: In, out: Out, *, law: Procedure) -> int:
     """Write the right-hand side `law` at one state to `out`. Return 0 if a matrix is singular, else -1.
 
-    It has the form of a function of several columns, with one column. t has the time, and q the whole state [q,
-    v]; `_v` is not used. `numbers` are the parameters and all values that depend on them alone.
+    It has the form of a function of several columns, with one column. t has the time, and q the whole state [q, v];
+    `_v` is not used.
     """
     return int(generated(law, t[0], q, numbers, out)) - 1
 
@@ -202,9 +203,8 @@ GOLDEN = 0.3819660112501051
 class ExpressionOnStep:
     """An expression along a step that begins at time t and has the length h.
 
-    The polynomial of the step has `coefficients` and a `degree`; `ratio` is the length of the step in its unit
-    of time. `place` is the index of the expression, and `numbers` are the parameters and all values that depend
-    on them alone.
+    The polynomial of the step has `coefficients` and a `degree`; `ratio` is the length of the step in its unit of
+    time. `place` is the index of the expression.
     """
 
     value: Callable[..., Any]
@@ -312,12 +312,6 @@ def lobatto() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return (1.0 + x) / 2.0, (weights + weights[::-1]) / 4.0
 
 
-@cache
-def table_of_points() -> NDArray[np.float64]:
-    """Return the points and then the weights of Gauss-Lobatto's rule on [0, 1], (2 * SAMPLE_POINTS,)."""
-    return np.concatenate(lobatto())
-
-
 @dataclass(frozen=True)
 class Sampled:
     """Expressions that are followed along a run, and their reductions: largest or least values, or means.
@@ -390,10 +384,7 @@ class AlongRun:
 
     @inline
     def begin(self, reduced: Reduced, t: float, y: In, numbers: In) -> None:
-        """Initialize the reductions at the start of a run, at time t and state y.
-
-        `numbers` are the parameters and all values that depend on them alone.
-        """
+        """Initialize the reductions at the start of a run, at time t and state y."""
         is_singular = generated(self.sampled.kernel, t, y, numbers, reduced.now)
         for index in unrolled(self.sampled.size):
             value = reduced.now[index]
@@ -408,8 +399,7 @@ class AlongRun:
     def follow(self, reduced: Reduced, step: SampledStep, numbers: In, points: In) -> None:
         """Write the reductions with a sampled `step` to `reduced.tried`. They count once `accept` is called.
 
-        `numbers` are the parameters and all values that depend on them alone. `points` are the sample points on
-        a step, as fractions, followed by their weights.
+        `points` are the sample points on a step, as fractions, followed by their weights.
         """
         follow_step(step, numbers, points, reduced, sampled=self.sampled, path=self.path, dimension=self.dimension)
 
@@ -442,9 +432,8 @@ def follow_step(
 ) -> None:
     """Sample expressions on a `step`, and write the results of their reductions with this step to `reduced`.
 
-    `reduced.tried` gets the integral over the step, or the extreme value so far; `reduced.ahead` gets the
-    expressions at the end of the step. `numbers` are the parameters and all values that depend on them alone.
-    `points` has the points of Gauss-Lobatto's rule, followed by the weights.
+    `reduced.tried` gets the integral over the step, or the extreme value so far; `reduced.ahead` gets the expressions
+    at the end of the step. `points` has the points of Gauss-Lobatto's rule, followed by the weights.
     """
     t, h, degree, size = step.t, step.h, step.degree, sampled.size
     samples, state, results = reals(SAMPLE_POINTS * size), reals(dimension), reals(size)
@@ -507,9 +496,8 @@ def value_on_step(
 ) -> float:
     """Return the value of one of the `sampled` expressions at a fraction of a step.
 
-    `index` is the index of the expression. The step begins at t and has the length h, and the length `ratio` in
-    the unit of its polynomial, which has `coefficients` and a `degree`. `numbers` are the parameters and all
-    values that depend on them alone. The type of the procedure is `VALUE`.
+    `index` is the index of the expression. The step begins at t and has the length h, and the length `ratio` in the
+    unit of its polynomial, which has `coefficients` and a `degree`. The type of the procedure is `VALUE`.
     """
     state, results = reals(dimension), reals(sampled.size)
     generated(path, fraction, ratio, coefficients, state, degree)

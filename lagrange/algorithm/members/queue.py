@@ -220,8 +220,11 @@ class MemberMethod(ABC):
         self.dimension, self.numbers, self.observed, self.along = dimension, numbers, observed, along
 
     @abstractmethod
-    def memory(self, job: MemberJob) -> tuple[tuple[Out, ...], Any]:
-        """Return memory for the parts of the state, which are its vectors, and an object with other memory."""
+    def memory(self, job: MemberJob, numbers: In) -> tuple[tuple[Out, ...], Any]:
+        """Return memory for the parts of the state, which are its vectors, and an object with other memory.
+
+        `numbers` is memory for the numbers of the member.
+        """
 
     @abstractmethod
     def begin(self, job: MemberJob, member: Member) -> None:
@@ -284,7 +287,7 @@ def memory_of_member(job: MemberJob, method: MemberMethod) -> Member:
     reduced = None if along is None else along.memory()
     vectors = reals(n), reals(method.observed.size)
     run, counts, floors = Run(), Counts(), reals(n)
-    parts, method_memory = method.memory(job)
+    parts, method_memory = method.memory(job, numbers)
     return Member(numbers, run, counts, floors, parts, *vectors, reduced, method_memory)
 
 

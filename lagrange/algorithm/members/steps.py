@@ -122,8 +122,8 @@ class MemberFunctions:
 def events_of_columns(columns: int, t: In, y: In, numbers: In, out: Out, *, functions: MemberFunctions) -> int:
     """Write the event functions of each column to `out`. Return the first column without a value, or -1.
 
-    t has the times. Entry j of the state of column b is at index j * columns + b of y, and event k at k *
-    columns + b of `out`. `numbers` are the parameters and all values that depend on them alone.
+    t has the times. Entry j of the state of column b is at index j * columns + b of y, and event k at k * columns + b
+    of `out`.
     """
     events, n, failed = functions.events, functions.dimension, -1
     state, values = reals(n), reals(events.count)
@@ -232,22 +232,12 @@ class ReviewArguments(OccurrenceArrays):
 
 @dataclass(frozen=True)
 class ReviewMemory:
-    """Memory of the search for events on the steps of a member: the fields of `ReviewedEvents`, and two more.
+    """Memory of the search for events on the steps of a member, which writes zeros to `watch`.
 
-    `zeros` are the states at zeros. `seen` is the number of occurrences of each event so far.
+    `seen` is the number of occurrences of each event so far.
     """
 
-    review: Review
-    sign: WholesOut
-    near: WholesOut
-    remaining: WholesOut
-    zero_sizes: Out
-    arrivals: WholesOut
-    which: WholesOut
-    when: Out
-    zeros: Out
-    step_sides: WholesOut
-    levels: Out
+    watch: ReviewedEvents
     there: Out
     """The state to which the run is moved, if an event ends it."""
 
@@ -263,35 +253,36 @@ class StepEventSearch:
         self.occurrences = FirstOccurrences(events.count, dimension)
 
     @inline
-    def memory(self) -> ReviewMemory:
+    def memory(self, watched: ReviewArguments) -> ReviewMemory:
         """Return memory for the search for events on the steps of one member."""
         count, n = self.events.count, self.dimension
-        return ReviewMemory(
+        watch = ReviewedEvents(
             review=Review(),
             sign=wholes(count),
             near=wholes(count),
+            direction=watched.direction,
             remaining=wholes(count),
             zero_sizes=reals(count),
             arrivals=wholes(count),
             which=wholes(ZERO_ROOM + 1),
             when=reals(ZERO_ROOM + 1),
-            zeros=reals((ZERO_ROOM + 1) * n),
+            there=reals((ZERO_ROOM + 1) * n),
             step_sides=wholes(4 * count),
             levels=reals(count),
-            there=reals(n),
-            seen=self.occurrences.memory(),
         )
+        return ReviewMemory(watch, reals(n), self.occurrences.memory())
 
     @inline
     def begin(self, memory: ReviewMemory, watched: ReviewArguments) -> None:
         """Reset the search at the start of a member's run: no events, and unknown signs of functions."""
         self.occurrences.begin(memory.seen)
-        clear(memory.review)
-        memory.review.end, memory.review.room = 1, ZERO_ROOM
+        watch = memory.watch
+        clear(watch.review)
+        watch.review.end, watch.review.room = 1, ZERO_ROOM
         for e in unrolled(self.events.count):
-            memory.sign[e], memory.near[e] = 0, 0
-            memory.remaining[e], memory.arrivals[e] = watched.terminal[e], IGNORED
-            memory.zero_sizes[e] = 0.0
+            watch.sign[e], watch.near[e] = 0, 0
+            watch.remaining[e], watch.arrivals[e] = watched.terminal[e], IGNORED
+            watch.zero_sizes[e] = 0.0
 
     @inline
     def look(
@@ -303,31 +294,18 @@ class StepEventSearch:
         irregular case. The end is given as a time and as a fraction of the step. If an event ends the run, they
         are those of the event, whose state is in `memory.there`. `index` is the number of the member.
         """
-        review, steps, watched = memory.review, member.counts.steps, job.watched
+        watch, steps, watched = memory.watch, member.counts.steps, job.watched
+        review = watch.review
         review.written, review.starts = 0, int(steps == 1)
         review.last = 0 if end == job.t1 else -1
         review.rounded = float(steps - 1) * (1.0 / NOISE_HALVES)
-        watch = ReviewedEvents(
-            review=review,
-            sign=memory.sign,
-            near=memory.near,
-            direction=watched.direction,
-            remaining=memory.remaining,
-            zero_sizes=memory.zero_sizes,
-            arrivals=memory.arrivals,
-            which=memory.which,
-            when=memory.when,
-            there=memory.zeros,
-            step_sides=memory.step_sides,
-            levels=memory.levels,
-        )
         why = review_step(watch, member.numbers, job.table, watched.factors, step.memory, end, functions=self.functions)
         is_changed = why == CHANGED
         is_regular = why == ENDED or is_changed
         if unlikely(review.written > 0 and is_regular):
             for slot in range(review.written):
-                zero = memory.zeros[slot * self.dimension :]
-                self.occurrences.keep(watched, memory.seen, index, memory.which[slot], memory.when[slot], zero)
+                zero = watch.there[slot * self.dimension :]
+                self.occurrences.keep(watched, memory.seen, index, watch.which[slot], watch.when[slot], zero)
         t, part = end, 1.0
         if unlikely(is_changed):
             t, part = self.place_of_end(memory, step, end)
@@ -341,9 +319,9 @@ class StepEventSearch:
         Return the time of the event and its fraction of the step. At an end of the step the state is the one
         there, which is not interpolated. `end` is the time at the end of the step.
         """
-        part, slot = memory.review.fraction, memory.review.written
-        is_begin, is_end, zero = part <= 0.0, part >= 1.0, memory.zeros[slot * self.dimension :]
-        when, t = memory.when[slot], step.t[0]
+        watch, part, slot = memory.watch, memory.watch.review.fraction, memory.watch.review.written
+        is_begin, is_end, zero = part <= 0.0, part >= 1.0, watch.there[slot * self.dimension :]
+        when, t = watch.when[slot], step.t[0]
         for i in each(self.dimension, width=1):
             before, after, between = step.y[i], step.new[i], zero[i]
             memory.there[i] = before if is_begin else after if is_end else between
@@ -403,7 +381,7 @@ class StepMembers(MemberMethod):
         self.watched_type = None if self.search is None else ReviewArguments
 
     @inline
-    def memory(self, job: MemberJob) -> tuple[tuple[Out, ...], StepMemory]:
+    def memory(self, job: MemberJob, numbers: In) -> tuple[tuple[Out, ...], StepMemory]:
         """Return memory for the state, and an object with the other memory of a run.
 
         The state is one vector [q, v], or two vectors of coordinates and of velocities.
@@ -412,7 +390,7 @@ class StepMembers(MemberMethod):
         parts = tuple([work[self.layout.place(k) :] for k in range(self.program.states)])
         path = None if self.path is None else self.path.memory()
         outputs = None if self.path is None else OutputCounts()
-        search = None if self.search is None else self.search.memory()
+        search = None if self.search is None else self.search.memory(job.watched)
         return parts, StepMemory(work, Effort(), reals(1), path, outputs, search)
 
     @inline

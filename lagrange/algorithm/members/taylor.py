@@ -64,21 +64,13 @@ class SearchArguments(OccurrenceArrays):
 
 @dataclass(frozen=True)
 class SearchMemory:
-    """Memory of the search for events on the steps of a member: its state, scratch memory, and new events.
+    """Memory of the search for events on the steps of a member.
 
-    `watch` and `sides` are the state of the search: `sides` has the signs of the watched functions. The
-    `times`, `states` and `places` (functions) are those of the found events. `seen` is the number of
-    occurrences of each event so far.
+    `watched` are the watched functions with the state of the search and the new events, as arguments of the loop over
+    steps. `seen` is the number of occurrences of each event so far.
     """
 
-    watch: Watch
-    sides: WholesOut
-    times: Out
-    states: Out
-    places: WholesOut
-    unused: WholesOut
-    scratch: Out
-    whole_scratch: WholesOut
+    watched: Watched
     seen: WholesOut
     taken: WholesOut
     """Number of events that are copied to the results, one entry."""
@@ -92,46 +84,28 @@ class EventSearch:
         self.occurrences = FirstOccurrences(events.events, layout.dimension)
 
     @inline
-    def memory(self) -> SearchMemory:
-        """Return memory for the search for events on the steps of one member."""
-        count, n = self.events.count, self.dimension
+    def memory(self, job: Any, numbers: In) -> SearchMemory:
+        """Return memory for the search for events on the steps of one member, whose parameters are `numbers`."""
+        count, n, watched = self.events.count, self.dimension, job.watched
         real_count, whole_count = scratch_sizes(count, n)
-        return SearchMemory(
-            watch=Watch(),
-            sides=wholes(2 * len(SIDES) * count),
-            times=reals(MEMBER_EVENT_ROOM),
-            states=reals(MEMBER_EVENT_ROOM * n, room=WIDEST_VECTOR),
-            places=wholes(MEMBER_EVENT_ROOM),
-            unused=wholes(1),
-            scratch=reals(real_count, room=WIDEST_VECTOR),
-            whole_scratch=wholes(whole_count),
-            seen=self.occurrences.memory(),
-            taken=wholes(1),
-        )
-
-    @inline
-    def arguments(self, memory: SearchMemory, job: Any, numbers: In) -> Watched:
-        """Return the watched functions of a member, with its parameters, as arguments of the loop over steps.
-
-        `numbers` are the parameters and all values that depend on them alone.
-        """
-        watched = job.watched
-        unused = memory.unused, memory.unused, memory.unused, memory.scratch, memory.whole_scratch
-        arrays = watched.tilts, memory.sides, watched.settings, memory.times, memory.states, memory.places, *unused
+        sides, places, unused = wholes(2 * len(SIDES) * count), wholes(MEMBER_EVENT_ROOM), wholes(1)
+        times, states = reals(MEMBER_EVENT_ROOM), reals(MEMBER_EVENT_ROOM * n, room=WIDEST_VECTOR)
+        scratch = unused, unused, unused, reals(real_count, room=WIDEST_VECTOR), wholes(whole_count)
+        arrays = watched.tilts, sides, watched.settings, times, states, places, *scratch
         arguments: Any = watched.sizes, job.values, job.values, numbers, numbers, *arrays, None, None
-        return Watched(memory.watch, *arguments)
+        return SearchMemory(Watched(Watch(), *arguments), self.occurrences.memory(), wholes(1))
 
     @inline
     def begin(self, memory: SearchMemory, taylor: TaylorState) -> None:
         """Reset the search at the start of a member's run: no events, and unknown signs of the functions."""
-        watch, events = memory.watch, self.events
+        watch, events = memory.watched.watch, self.events
         clear(watch)
         watch.enabled, watch.fresh, taylor.inspect = 1, 1, 1
         watch.changing, watch.room = int(events.changing), MEMBER_EVENT_ROOM
         watch.hides_growth, watch.steep = int(events.hides_growth), int(events.steep)
         watch.changed = -math.inf
         for i in each(2 * len(SIDES) * events.count, width=1):
-            memory.sides[i] = 0
+            memory.watched.sides[i] = 0
         self.occurrences.begin(memory.seen)
         memory.taken[0] = 0
 
@@ -141,11 +115,11 @@ class EventSearch:
 
         These are events on steps that the defect test has confirmed.
         """
-        watch, slot = memory.watch, memory.taken[0]
+        watched, watch, slot = memory.watched, memory.watched.watch, memory.taken[0]
         if unlikely(watch.done > slot):
             while slot < watch.done:
-                t, state = memory.times[slot], memory.states[slot * self.dimension :]
-                self.occurrences.keep(job.watched, memory.seen, index, memory.places[slot], t, state)
+                t, state = watched.event_times[slot], watched.event_states[slot * self.dimension :]
+                self.occurrences.keep(job.watched, memory.seen, index, watched.event_places[slot], t, state)
                 slot += 1
             memory.taken[0] = slot
             if watch.ahead == watch.done:
@@ -157,7 +131,7 @@ class EventSearch:
 
         These are zero at the end of the step.
         """
-        return memory.whole_scratch[self.events.count * PARTS["due"][1]]
+        return memory.watched.whole_scratch[self.events.count * PARTS["due"][1]]
 
     @inline
     def is_ended(self, memory: SearchMemory, outcome: int, unproven: int, last: bool) -> bool:
@@ -166,7 +140,7 @@ class EventSearch:
         `outcome` is that of the loop over steps. `unproven` is 1 if the defect test has not confirmed the last
         step yet. `last` is true if the budget allows no more steps.
         """
-        is_due = memory.watch.due == 1 and self.due(memory) < self.events.events and unproven == 0
+        is_due = memory.watched.watch.due == 1 and self.due(memory) < self.events.events and unproven == 0
         is_stopped = outcome == Outcome.DONE or outcome == Outcome.WATCHED
         return is_due and (is_stopped or (outcome == Outcome.PAUSED and last))
 
@@ -212,14 +186,14 @@ class TaylorMembers(MemberMethod):
         self.watched_type = None if events is None else SearchArguments
 
     @inline
-    def memory(self, job: MemberJob) -> tuple[tuple[Out, ...], SeriesMemory]:
+    def memory(self, job: MemberJob, numbers: In) -> tuple[tuple[Out, ...], SeriesMemory]:
         """Return memory for the state, and an object with the other memory of a run.
 
         The state is one vector at the beginning of the work array.
         """
         work = reals(self.layout.size(self.order), room=WIDEST_VECTOR)
         records = TaylorState(), Held(), OutputCounts(), reals(1)
-        search = None if self.search is None else self.search.memory()
+        search = None if self.search is None else self.search.memory(job, numbers)
         return (work,), SeriesMemory(work, *records, search)
 
     @inline
@@ -247,20 +221,11 @@ class TaylorMembers(MemberMethod):
         """
         run, counts, method_memory = member.run, member.counts, member.method_memory
         states = job.outputs[index * (job.output_count * self.dimension) :]
-        watched = None if self.search is None else self.search.arguments(method_memory.search, job, member.numbers)
+        watched = None if self.search is None else method_memory.search.watched
         records = run, counts, method_memory.taylor, member.floors, method_memory.held, method_memory.outputs
         arrays = job.output_times, states, method_memory.unused, method_memory.unused
-        arguments: Any = (
-            member.numbers,
-            member.numbers,
-            *records,
-            *arrays,
-            watched,
-            None,
-            None,
-            method_memory.work,
-            self.order,
-        )
+        series = method_memory.work, self.order
+        arguments: Any = member.numbers, member.numbers, *records, *arrays, watched, None, None, *series
         loop_arguments = Arguments(job.law, *arguments)
         before = counts.steps
         outcome: int = iteration(loop_arguments, last, -logarithm(job.rtol), layout=self.layout)
@@ -269,16 +234,8 @@ class TaylorMembers(MemberMethod):
             if counts.steps > before:
                 self.along.accept(member.reduced)
             if method_memory.held.unproven != 0:
-                h = method_memory.held.h
-                step = SampledStep(
-                    method_memory.held.t,
-                    run.t,
-                    h,
-                    h / method_memory.held.scale,
-                    method_memory.work,
-                    method_memory.work,
-                    self.order,
-                )
+                held, work = method_memory.held, method_memory.work
+                step = SampledStep(held.t, run.t, held.h, held.h / held.scale, work, work, self.order)
                 self.along.follow(member.reduced, step, member.numbers, job.points)
         if self.search is None:
             return outcome
@@ -293,16 +250,10 @@ class TaylorMembers(MemberMethod):
         The events are those on steps that the defect test has confirmed. `index` is the number of the member,
         and `last` is true if the budget allows no more steps.
         """
-        method_memory = member.method_memory
-        search.take(method_memory.search, job, index)
-        is_ended = search.is_ended(method_memory.search, outcome, method_memory.held.unproven, last)
+        method_memory, memory = member.method_memory, member.method_memory.search
+        search.take(memory, job, index)
+        is_ended = search.is_ended(memory, outcome, method_memory.held.unproven, last)
         if unlikely(is_ended):
-            search.occurrences.keep(
-                job.watched,
-                method_memory.search.seen,
-                index,
-                search.due(method_memory.search),
-                member.run.t,
-                method_memory.work,
-            )
+            due = search.due(memory)
+            search.occurrences.keep(job.watched, memory.seen, index, due, member.run.t, method_memory.work)
         return ENDED_BY_EVENT if is_ended else outcome
