@@ -164,11 +164,7 @@ def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False, b
 def compiled_loop(
     step: StepProgram, dimension: int, projected: bool, by_value: bool
 ) -> tuple[CompiledProcedure, Layout]:
-    """Return the compiled loop over the steps of a method, and the layout of its vectors in memory.
-
-    `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints. `by_value`
-    is true if the right-hand side that steps evaluate may take a small state in registers.
-    """
+    """Return the compiled loop over the steps of a method, and its layout, by the arguments of `loop_layout`."""
     layout = loop_layout(step, dimension, projected=projected, by_value=by_value)
     return CompiledProcedure(steps_of(layout), tiers=True, optimize=True), layout
 
@@ -191,11 +187,7 @@ class LlvmMachine:
         return LlvmSeries(program)
 
     def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[CompiledProcedure, Layout]:
-        """Return the compiled loop over the steps of a method, and the layout of its vectors in memory.
-
-        `step` is one step of the method, and `law` the program of the right-hand side that it evaluates. If
-        `projected` is true, each step is projected onto the constraints.
-        """
+        """Return the compiled loop over the steps of a method, and the layout of its vectors in memory."""
         dimension = LAWS[step.law].dimension(law.states)
         return compiled_loop(step, dimension, projected, by_value=bool(law.returned))
 

@@ -232,7 +232,11 @@ class Jet:
         first = self._with_systems.evaluate(program.start, t, [*y, *lost], [*self.parameters, *table])
         x[0, list(program.started)] = first[: len(program.started)]
         x[0, : program.states] = list(y)
-        matrices = self._matrices(first[len(program.started) :])
+        entries = iter(first[len(program.started) :])
+        matrices = [
+            self._eliminated(stage.plan, entries) if known is None else known
+            for stage, known in zip(program.stages, self._constant, strict=True)
+        ]
         for k in range(1, order + 1):
             x[k, :n] = x[k - 1, list(program.rates)] * scale / k
             self._fill(x, k, program.before, scale)
@@ -271,23 +275,10 @@ class Jet:
         entries = iter(self._table[len(self.program.numbers) :])
         return [None if stage.plan.moving else self._eliminated(stage.plan, entries) for stage in self.program.stages]
 
-    def _matrices(self, triangles: Sequence[Any]) -> list[Eliminated]:
-        """Return the matrix of each linear system of the series after elimination.
-
-        `triangles` has the entries of those matrices that are not constant: the lower triangle of each, one after the
-        other.
-        """
-        entries, stages = iter(triangles), self.program.stages
-        return [
-            self._eliminated(stage.plan, entries) if known is None else known
-            for stage, known in zip(stages, self._constant, strict=True)
-        ]
-
     def _eliminated(self, plan: SolvePlan, entries: Iterator[Any]) -> Eliminated:
         """Return the matrix (n, n) of a linear system after elimination.
 
-        `plan` says which entries of the lower triangle may differ from zero, and `entries` yields their values.
-        Raises SingularMassMatrix.
+        `entries` yields the entries of the lower triangle that may differ from zero. Raises SingularMassMatrix.
         """
         mass = symmetric(plan.size, plan.triangle, entries, self.arithmetic.dtype)
         if mass.dtype == float:
@@ -447,7 +438,7 @@ class NumpySeries(Shared):
     @cached_property
     def values(self) -> Kernel:
         """The kernel that evaluates the event functions and switching surfaces at a state."""
-        return self.load(self.program.values)
+        return kernel_in_python(self.program.values)
 
     @cached_property
     def layout(self) -> TaylorLayout:
@@ -490,10 +481,9 @@ class NumpySeries(Shared):
     def rows(
         self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray, low: FloatArray | None = None
     ) -> FloatArray:
-        """Return the Taylor coefficients of the motion at the state y + `low`, with order k in row k, times scale**k.
+        """Return the scaled Taylor coefficients at the state y + `low`, as `Series.rows` does for the state y.
 
-        The columns are the state (2n), then the event functions and switching surfaces. `low` (2n,) is a correction
-        below the rounding of y, None for zero. `parameters` end with the signs of the switching surfaces' functions.
+        `low` (2n,) is a correction below the rounding of y, None for zero.
         """
         with np.errstate(all="ignore"):
             coefficients = self._jet(parameters).coefficients(t, y, order, scale, low)
@@ -511,11 +501,7 @@ class NumpySeries(Shared):
 
 
 def _work_size(size: int, _columns: int) -> int:
-    """Return the number of doubles of work memory for a block of steps: always `size`.
-
-    It does not depend on the number of columns, because the steps are computed one after the other, in the same
-    memory.
-    """
+    """Return the number of doubles of work memory for a block of steps: always `size`, for one step after the other."""
     return size
 
 
@@ -594,7 +580,4 @@ class NumpyMachine:
         return NumpyDense(n, kind.degree, kind.derivative, partial(kind.size, n), write)
 
     def event_steps(self, *_: Any, **__: Any) -> None:
-        """Return None: this machine has no loop that also finds events.
-
-        The caller searches many steps at once for events with NumPy, which is faster than a loop in Python.
-        """
+        """Return None: the caller searches many steps at once with NumPy, which is faster than a loop in Python."""

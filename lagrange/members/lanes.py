@@ -22,7 +22,7 @@ from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.kernel.body import PreparedLayout
 from lagrange.algorithm.kernel.kernels import kernel, prepare
-from lagrange.algorithm.members.along import MemberDenseOutput, Sampled, table_of_points
+from lagrange.algorithm.members.along import MemberDenseOutput, Sampled, lobatto
 from lagrange.algorithm.members.queue import COUNTED, Observed, SystemNumbers, energy_and_momenta
 from lagrange.algorithm.members.steps import StepEvents, StepMembers
 from lagrange.algorithm.members.taylor import TaylorEvents, TaylorMembers
@@ -149,7 +149,9 @@ def compiled_members(model: Model, plan: Plan, tasks: MemberTasks) -> Compiled:
     code = model.machine.members(members.build())
     assert code is not None, f"{model.target} runs no members side by side"
     preparation = None if tasks.varying else Pruner().pruned(preparing)
-    return Compiled(code, preparation, size, observed.size, {"points": table_of_points(), **arrays}, tasks.events)
+    return Compiled(
+        code, preparation, size, observed.size, {"points": np.concatenate(lobatto()), **arrays}, tasks.events
+    )
 
 
 def _programs(model: Model, plan: Plan, tasks: MemberTasks, expressions: tuple[Node, ...]) -> dict[str, Program]:

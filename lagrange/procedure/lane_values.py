@@ -307,10 +307,6 @@ class MemberStatements:
         self.out.append(form.Get(ref, of_width(variable.kind, self.lanes if wide else 1), variable.ref))
         return ref
 
-    def set(self, variable: MemberVariable, value: int) -> None:
-        """Add an assignment to a variable for all members."""
-        self.out.append(form.Set(variable.ref, value))
-
 
 def leaves(block: Block) -> bool:
     """Return True if a block contains a return from the procedure."""

@@ -201,7 +201,7 @@ class _Rewriter(Visitor, MemberStatements):
                 new = self.value(value, wide=wide)
                 if wide and variable.level != self.level:
                     new = self.put("select", variable.kind, self.mask, new, self.got(variable))
-                self.set(variable, new)
+                self.out.append(form.Set(variable.ref, new))
 
     # --- statements
 
@@ -374,8 +374,8 @@ class _Rewriter(Visitor, MemberStatements):
             return
         assert self.alive is not None
         for variable, value in zip(self.results, values, strict=True):
-            self.set(variable, value)
-        self.set(self.alive, self.without(self.got(self.alive), self.mask))
+            self.out.append(form.Set(variable.ref, value))
+        self.out.append(form.Set(self.alive.ref, self.without(self.got(self.alive), self.mask)))
         self.mask = self.wide(self.constant(FLAG, value=False))
 
     # --- branches
@@ -453,7 +453,7 @@ class _Rewriter(Visitor, MemberStatements):
             current = self.values[loop.place] = self.got(index)
             self.block(loop.body)
             if self.open:
-                self.set(index, self.put("add", WHOLE, current, self.constant(WHOLE, loop.step)))
+                self.out.append(form.Set(index.ref, self.put("add", WHOLE, current, self.constant(WHOLE, loop.step))))
 
         self.repeated(loop, goes_on, body, uneven=uneven)
 
@@ -481,7 +481,7 @@ class _Rewriter(Visitor, MemberStatements):
         condition = goes_on()
         if inside is not None:
             mask = self.both(self.mask, self.wide(condition))
-            self.set(inside, mask)
+            self.out.append(form.Set(inside.ref, mask))
             condition = self.some(mask)
         elif self.mask != before:
             condition = self.put("and", FLAG, condition, self.some(self.mask))
@@ -534,7 +534,7 @@ class _Rewriter(Visitor, MemberStatements):
                     pairs = zip(new, old, strict=True)
                     new = [self.put("select", REAL, self.mask, value, former) for value, former in pairs]
                 for variable, value in zip(variables, new, strict=True):
-                    self.set(variable, value)
+                    self.out.append(form.Set(variable.ref, value))
 
         if uneven:
             index = self.declared(start)
@@ -542,7 +542,7 @@ class _Rewriter(Visitor, MemberStatements):
             def body() -> None:
                 current = self.got(index)
                 iteration(current)
-                self.set(index, self.put("add", WHOLE, current, self.constant(WHOLE, 1)))
+                self.out.append(form.Set(index.ref, self.put("add", WHOLE, current, self.constant(WHOLE, 1))))
 
             self.repeated(each, lambda: self.put("less", FLAG, self.got(index), stop), body, uneven=True)
         else:

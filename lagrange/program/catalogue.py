@@ -367,11 +367,6 @@ def program_of(name: str, equations: Equations) -> Program:
     return program
 
 
-def lower_nodes(
-    name: str, nodes: Sequence[Node], equations: Equations, shape: tuple[int, ...] | None = None
-) -> Program:
-    """Return the program `name`, which computes nodes of the graph of the equations from t, q, v and parameters.
-
-    The results fill the `shape` in C order, or are a vector if it is None.
-    """
-    return lower(name, {name: nodes}, equations.state, equations.time, equations.parameters, shape=shape)
+def lower_nodes(name: str, nodes: Sequence[Node], equations: Equations) -> Program:
+    """Return the program `name`, which computes nodes of the graph of the equations from t, q, v and parameters."""
+    return lower(name, {name: nodes}, equations.state, equations.time, equations.parameters)

@@ -164,10 +164,7 @@ def schedule_matrix(newton: Newton, iteration: int, rate: float, adaptive: bool)
 
 @inline
 def request_matrix(newton: Newton) -> None:
-    """Request that the matrix and the derivative of the law are computed again when they are needed next.
-
-    The law is the function that the step evaluates, such as the right-hand side.
-    """
+    """Request that the matrix and the derivative of the law are computed again when they are needed next."""
     newton.matrix_step = 0.0
     newton.differentiated = 0
 

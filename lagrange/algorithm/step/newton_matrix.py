@@ -1,5 +1,7 @@
 """The matrix of Newton's method: built from the derivative of the law, and inverted.
 
+The law is the function that the step evaluates, such as the right-hand side.
+
 For unknowns z_j and the calls c of a solve, the derivative of residual i by unknown j is beta_ij I + g_ij J. J is the
 derivative of the law at one point. g_ij is the sum over c of the factor of c in residual i times the factor of z_j in
 the argument of c. A law of momenta has J in four blocks, each with its own g; a law with constraints in fifteen.
@@ -72,10 +74,7 @@ class MatrixCoefficients:
 
     @property
     def nodes(self) -> list[Node]:
-        """All coefficients of the matrix, and the factors of the law's results in the residuals, in one list.
-
-        The law is the function that the step evaluates, such as the right-hand side.
-        """
+        """All coefficients of the matrix, and the factors of the law's results in the residuals, in one list."""
         return [node for nodes in (self.identity, *self.blocks.values(), *self.shares) for node in nodes]
 
 
@@ -83,8 +82,7 @@ class MatrixCoefficients:
 def build_matrix(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
     """Compute the inverse Newton matrix for steps of length h, and store it in the work array.
 
-    The derivative of the law is the stored one, or is evaluated anew. Return DONE, or SINGULAR for a singular
-    matrix. The law is the function that the step evaluates, such as the right-hand side.
+    The derivative of the law is the stored one, or is evaluated anew. Return DONE, or SINGULAR for a singular matrix.
     """
     work, newton, terms = arguments.work, arguments.newtons[solve.index], MatrixCoefficients(layout, solve)
     inverse, point, nodes = work[solve.inverse :], terms.point, [*terms.nodes, *[damp.factor for damp in solve.damped]]
@@ -123,8 +121,8 @@ def build_matrix(arguments: Running, t: float, h: float, *, layout: Layout, solv
 def evaluate_derivative(vectors: StepVectors, t: float, out: Out, point: LawCall | None) -> bool:
     """Write the derivative of the law by its arguments to `out`, by rows. Return True if a matrix is singular.
 
-    The law is the function that the step evaluates, such as the right-hand side. Its derivative is evaluated at
-    the arguments of the call `point` or, if that is None, at the start of the step, at time t.
+    The derivative is evaluated at the arguments of the call `point` or, if that is None, at the start of the step, at
+    time t.
     """
     running, layout = vectors.running, vectors.layout
     if point is None:
@@ -148,10 +146,7 @@ def table(vectors: StepVectors, nodes: Sequence[Node]) -> Out:
 
 @dataclass(frozen=True)
 class Matrix:
-    """The matrix of Newton's method, by rows in the work array, and the derivative of the law, by columns.
-
-    The law is the function that the step evaluates, such as the right-hand side.
-    """
+    """The matrix of Newton's method, by rows in the work array, and the derivative of the law, by columns."""
 
     layout: Layout
     solve: SolveLayout
@@ -161,11 +156,7 @@ class Matrix:
 
     @inline
     def line(self, column: int, r: int, s: int) -> In:
-        """Return column number `column` of block (r, s) of the derivative of the law.
-
-        The block is the derivative of result r by argument s. The law is the function that the step evaluates,
-        such as the right-hand side.
-        """
+        """Return column number `column` of block (r, s), the derivative of the law's result r by argument s."""
         length = self.solve.length
         return self.derivative[(column + s * length) * self.layout.rows + r * length :]
 
@@ -211,8 +202,7 @@ class Matrix:
     def inertia_is_singular(self, blocks: Sequence[Sequence[tuple[int, int]]]) -> bool:
         """Return True if the mass matrix is singular, a matrix made of blocks of the derivative of the law.
 
-        `blocks` has the pair (result, argument) of the law for each block, by rows. The law is the function
-        that the step evaluates, such as the right-hand side. `entries` is overwritten.
+        `blocks` has the pair (result, argument) of the law for each block, by rows. `entries` is overwritten.
         """
         length, order = self.solve.length, len(blocks) * self.solve.length
         for i, line in enumerate(blocks):

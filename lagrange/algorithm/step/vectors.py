@@ -137,10 +137,7 @@ class StepVectors:
 
     @inline
     def arguments(self, call: LawCall) -> Out:
-        """Write the arguments of a call of the law to the work array, one after the other, and return them.
-
-        The law is the function that the step evaluates, such as the right-hand side.
-        """
+        """Write the arguments of a call of the law to the work array, one after the other, and return them."""
         arguments = self.running.work[self.layout.argument :]
         for i, argument in enumerate(call.arguments):
             self.combine(argument, arguments[i * self.layout.length :])
@@ -150,10 +147,9 @@ class StepVectors:
     def evaluate(self, call: LawCall, registers: Registers = NO_REGISTERS) -> tuple[bool, Registers]:
         """Evaluate the law in a `call`. Return True if a matrix is singular, and the results in registers.
 
-        The law is the function that the step evaluates, such as the right-hand side. The results are also
-        stored in the work array. `registers` has the results of earlier calls as single numbers, by number of
-        the vector. The second result has those of this call in the same form; it is empty unless the layout
-        keeps results in registers.
+        The results are also stored in the work array. `registers` has the results of earlier calls as single numbers,
+        by number of the vector. The second result has those of this call in the same form; it is empty unless the
+        layout keeps results in registers.
         """
         layout, running, law = self.layout, self.running, LAWS[self.layout.step.law]
         time, length = self.numbers[call.time], layout.length
@@ -178,10 +174,7 @@ class StepVectors:
 
     @inline
     def evaluate_all(self, calls: Sequence[LawCall]) -> bool:
-        """Evaluate the law for calls that do not depend on each other. Return True if a matrix is singular.
-
-        The law is the function that the step evaluates, such as the right-hand side.
-        """
+        """Evaluate the law for calls that do not depend on each other. Return True if a matrix is singular."""
         is_singular = False
         for call in calls:
             failed, _ = self.evaluate(call)
