@@ -139,8 +139,9 @@ class SceneDocument(Document):
         """Define the last key of a path as a name for the expression at the path."""
         self._of_text(partial(reader.define, str(path[-1])), *path)
 
-    def _of_text(self, read: Callable[[str], Any], *path: str | int) -> Any:
-        value, what = self.value(*path), dotted(path)
+    def _of_text(self, read: Callable[[str], Any], *path: str | int, text: str | None = None) -> Any:
+        """Return `read` of the text at a path, or of `text`, a part of it in the same columns."""
+        value, what = self.value(*path) if text is None else text, dotted(path)
         if not isinstance(value, (int, float, str)) or isinstance(value, bool):
             self.refuse(f'{what} is {kind_of(value)}: give an expression as a text, such as "2*x".', *path)
         if not isinstance(value, str):
@@ -161,15 +162,9 @@ class SceneDocument(Document):
                     *path,
                 )
             return self.expression(reader, *path)
-        sides, begin = [], 0
-        for side in value.split("=="):
-            try:
-                sides.append(reader.read(side))
-            except SceneError as error:
-                column = None if error.column is None else error.column + begin
-                self.refuse(f"{dotted(path)}: {error.reason}", *path, column=column)
-            begin += len(side) + len("==")
-        left, right = sides
+        end = value.index("==")
+        sides = value[:end], " " * (end + 2) + value[end + 2 :]  # blanks keep the columns of the right side
+        left, right = (self._of_text(reader.read, *path, text=side) for side in sides)
         return left - right
 
 
