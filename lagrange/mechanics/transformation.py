@@ -281,9 +281,10 @@ def _forces(change: Transformation) -> dict[Any, Any]:
     pulls = {key: force.xreplace(change.table) for key, force in read.applied.items() if force != 0}
     forces: dict[Any, Any] = {}
     for q in dict.fromkeys((*change.coordinates, *pulls)):
-        if q in change.replaced:
+        if q in change.replaced and q not in change.coordinates:
             continue
-        terms = [pulls[q]] if q in pulls else []
+        # A name may stay with a new meaning: the force on the old coordinate then acts through the slopes alone.
+        terms = [pulls[q]] if q in pulls and q not in change.replaced else []
         if q in change.coordinates:
             slopes = change.slopes[:, change.coordinates.index(q)]
             terms += [pulls[x] * slope for x, slope in zip(change.replaced, slopes, strict=True) if x in pulls]

@@ -277,7 +277,8 @@ class Solution:
     def final(self) -> dict[str, float]:
         """The state at the last output by name. Continue by `other.run(t_end, solution.final, t_start=solution.t[-1])`.
 
-        With `t_eval` an event may end the run after the last output; `y_events` has the state there.
+        With `t_eval` an event may end the run after the last output; `y_events` has the state there. Parameters are not
+        part of it: if events set some, give `parameters=` too, with the values in `parameter_changes`.
         """
         self._check_output()
         return dict(zip(self.names, self.y[:, -1].tolist(), strict=True))

@@ -48,6 +48,14 @@ def test_the_motion_is_the_same(given: Any) -> None:
         assert second.evaluate(point)[-1] == pytest.approx(first.y[row, -1], abs=1e-10)
 
 
+def test_a_name_that_stays_takes_the_force_on_its_new_meaning() -> None:
+    new = particle().transform({x: x + y, y: x - y})
+    # The forces (-c y, -z') on the old coordinates, along the slopes (1, 1) and (1, -1); damping acts as before.
+    pulls = -c * (x - y), -z.dot
+    for q, force in zip(new.statement.coordinates[:2], new.statement.forces, strict=False):
+        assert sympy.expand(force - (pulls[0] + {x: 1, y: -1}[q] * pulls[1])) == 0
+
+
 def test_kepler_in_polar_coordinates_is_that_of_the_book() -> None:
     # Goldstein, Classical Mechanics, 3rd ed., section 3.2.
     system = lg.System(
