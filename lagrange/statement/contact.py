@@ -49,7 +49,7 @@ class Contact:
         limits += [(coefficient, LARGEST_FRICTION, "friction", bounds) for coefficient in self.friction]
         for value, largest, what, bounds in limits:
             is_real = value.is_real is not False  # infinity is not real
-            if value.is_number and not (is_real and bool(value >= 0) and bool(value <= largest)):
+            if value.is_number and (value is sympy.nan or not (is_real and 0 <= value <= largest)):
                 given = formula(value, 40) if value.is_Rational or not is_real else f"{float(value):.10g}"
                 raise StatementError(f"{what} is {given}: give a number {bounds}.")
         static, kinetic = self.friction

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import I, exp, oo, sin, sqrt
+from sympy import I, exp, nan, oo, sin, sqrt
 
 import lagrange as lg
 
@@ -32,6 +32,8 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "three slips": (lambda: lg.contact(Y, slip=(X.dot, Y.dot, X.dot)), "3 components"),
     "three coefficients": (lambda: lg.contact(Y, slip=X.dot, friction=(1, 2, 3)), r"\(static, kinetic\)"),
     "restitution above one": (lambda: lg.contact(Y, restitution=1.2), "is 1.2: give a number between 0 and 1"),
+    "restitution that is not a number": (lambda: lg.contact(Y, restitution=nan), "restitution is nan: give a"),
+    "friction that is not a number": (lambda: lg.contact(Y, X.dot, friction=(1, nan)), "friction is nan: give a"),
     "negative friction": (lambda: lg.contact(Y, slip=X.dot, friction=-0.1), "zero or positive"),
     "imaginary friction": (lambda: lg.contact(Y, slip=X.dot, friction=I), "friction is I: give a number zero"),
     "friction whose square overflows": (lambda: lg.contact(Y, slip=X.dot, friction=1e300), "at most 1e.100"),
