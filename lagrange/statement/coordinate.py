@@ -233,6 +233,9 @@ def _names(text: str, what: str) -> list[str]:
     names = text.replace(",", " ").split() if isinstance(text, str) else []
     if not names:
         raise StatementError(f"{shown(text)} names no {what}: give a text such as 'x y'.")
+    repeated = next((name for name in names if names.count(name) > 1), None)
+    if repeated is not None:
+        raise StatementError(f"{shown(text)} names the {what} {shown(repeated)} twice: give each name once.")
     return names
 
 

@@ -417,6 +417,12 @@ def test_no_names(names: Any) -> None:
         parameters(names)
 
 
+@pytest.mark.parametrize(("make", "what"), [(coordinates, "coordinate"), (parameters, "parameter")])
+def test_a_name_is_declared_once_in_a_call(make: Any, what: str) -> None:
+    with pytest.raises(StatementError, match=rf"'m, k m' names the {what} 'm' twice: give each name once"):
+        make("m, k m")
+
+
 def test_functions_of_ours_and_of_sympy_are_told_apart_whatever_is_in_the_cache() -> None:
     ours = coordinate("cached_before")
     assert is_ours(ours.func(t))
