@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -216,6 +217,14 @@ def test_a_misspelt_scene_of_the_library() -> None:
 def test_the_library_holds_names_and_not_paths(name: str) -> None:
     with pytest.raises(StatementError, match="the library has no scene"):
         library_path(name)
+
+
+@pytest.mark.parametrize("path", ["my.toml", "scenes/mine", Path("my.toml"), "pendulum.toml", "a scene"])
+def test_a_file_is_not_a_scene_of_the_library(path: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a scene").touch()
+    with pytest.raises(StatementError, match=re.escape(f"lg.System.from_scene('{path}')")):
+        library_path(path)
 
 
 def test_the_library_lists_what_it_loads() -> None:
