@@ -66,7 +66,7 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
 
 def test_a_long_file(tmp_path: Path) -> None:
     full = written(tmp_path, b"#" * LARGEST_FILE)
-    assert "coordinates is missing" in refusal(full).reason
+    assert "there are no coordinates" in refusal(full).reason
     assert refusal(written(tmp_path, b"#" * (LARGEST_FILE + 1))).reason == (
         "the file has more than 1048576 bytes, the most that a scene may have."
     )
