@@ -15,6 +15,7 @@ from sympy.core.cache import clear_cache
 from sympy.physics.mechanics import dynamicsymbols
 
 import lagrange as lg
+from lagrange.statement.coordinate import name_of
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.scene.scene_reader import read_scene
 from tests.refusals import refusal
@@ -100,6 +101,28 @@ def test_values_are_put_in_for_an_open_function() -> None:
     assert driven.accelerations()[theta].has(lg.given("X", a * sin(2 * t)).ddot)
     expected = pendulum(0.1 * sin(2 * t)).run(2.0).at(2.0)
     np.testing.assert_allclose(driven.substitute({"a": 0.1}).run(2.0).at(2.0), expected, rtol=1e-9)
+
+
+TABLE = lg.given("X", (TIMES, TIMES**3 / 9))
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize(
+    ("function", "formula"),
+    [
+        (TABLE, t**3 / 9),
+        (lg.given("Z", (TIMES, TIMES**3 / 9)), t**3 / 9),
+        (lg.given("Z", sin(t)), sin(t)),
+        (t * lg.given("X", sin(t)).dot, t * cos(t)),
+        (1 + TABLE, 1 + t**3 / 9),
+    ],
+)
+def test_a_given_function_is_put_in_for_an_open_one(function: Any, formula: Any) -> None:
+    X = lg.given("X")
+    driven = pendulum(X).substitute({X: function})
+    assert [name_of(f) for f in driven.statement.given] == ["X"]
+    np.testing.assert_allclose(driven.run(2.0).at(2.0), pendulum(formula).run(2.0).at(2.0), rtol=1e-7)
+    assert "Z(t), a given function without values" in refusal(lambda: pendulum(X).substitute({X: lg.given("Z")}))
 
 
 @pytest.mark.parametrize("method", ["taylor", pytest.param("dop853", marks=pytest.mark.slow)])

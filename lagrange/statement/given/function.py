@@ -29,22 +29,37 @@ def given(name: str, values: Any = None) -> Any:
     """Return the given function of time `name`: a motion that is known, or an input.
 
     `values` is an expression in `lagrange.t` and parameters, or a table (times, values) of 4 to 200 increasing times. A
-    cubic spline joins the values of a table: its first and second derivatives are continuous. Without `values` the
-    function stays open: derivations contain it with its derivatives, and a run raises StatementError. `.dot` and
-    `.ddot` are its derivatives. Raises StatementError for other values.
+    cubic spline joins the values of a table: its first and second derivatives are continuous. The expression may
+    contain given functions that have values. Without `values` the function stays open: derivations contain it with its
+    derivatives, and a run raises StatementError. `.dot` and `.ddot` are its derivatives. Raises StatementError for
+    other values.
     """
     check_symbol(name, "given function")
     return function_of_time(name, {MARK: Motion(_values(f"the given function {name}", values))})
 
 
 def _values(what: str, values: Any) -> Any:
+    """Return the values of a given function, which messages call `what`: an expression, a table or None."""
     if values is None:
         return None
     if isinstance(values, (list, tuple, np.ndarray)):
         return checked_table(what, values, "times")
     stated, survey = expression(values, what), Survey()
+    if (motion := motion_of(stated)) is not None and motion.values is not None:
+        return motion.values
     survey.add(stated, what)
-    leaves = [*survey.coordinates, *survey.given, *survey.unknown]
+    formulas: dict[Any, Any] = {}
+    for function, highest in survey.given.items():
+        motion = motion_of(function)
+        if motion is None or motion.values is None:
+            raise StatementError(
+                f"{what} is {formula(stated, 60)}, which contains {function}, a given function without values: give "
+                "an expression in lg.t and parameters, or a table (times, values)."
+            )
+        for order in range(highest + 1):
+            formulas[sympy.Derivative(function, (t, order)) if order else function] = motion.derivative(order)
+    stated = stated.xreplace(formulas)
+    leaves = [*survey.coordinates, *survey.unknown]
     if leaves:
         raise StatementError(
             f"{what} is {formula(stated, 60)}, which contains {leaves[0]}: give an expression in lg.t and parameters. "
