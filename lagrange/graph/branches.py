@@ -94,17 +94,20 @@ def where_read(node: Node, condition: Node) -> Node:
 
 @lru_cache(maxsize=64)
 def square_roots(graph: Graph, nodes: tuple[Node, ...]) -> Mapping[Node, Node]:
-    """Return {sqrt(base): base} for the bases of the fractional powers that the nodes depend on.
+    """Return {sqrt(base): power} for the bases of the fractional powers that the nodes depend on.
 
-    A root has the value 1 where the nodes do not read it. Powers of positions with exponents of at most -1 are left
-    out. Cached, since many runs have the same events.
+    Among the powers of one base, the one with the least exponent in size is returned. A root has the value 1 where the
+    nodes do not read it. Powers of positions with exponents of at most -1 are left out. Cached, since many runs have
+    the same events.
     """
     powers = [node for node in reachable(nodes) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
     bases: dict[Node, Node] = {}
+    least: dict[Node, Node] = {}
     read = read_when(graph, nodes)
     for node in powers:
         broken = isinstance(node.data, Fraction) and node.data.denominator > 1
         if broken and (node.data > -1 or node.binding >= Binding.VELOCITY):
             base, when = node.args[0], read(node)
             bases[base] = either(bases[base], when) if base in bases else when
-    return {where_read(graph.power(base, Fraction(1, 2)), when): base for base, when in bases.items()}
+            least[base] = min(least.get(base, node), node, key=lambda power: abs(power.data))
+    return {where_read(graph.power(base, Fraction(1, 2)), when): least[base] for base, when in bases.items()}

@@ -184,11 +184,11 @@ class Model:
 
     @cached_property
     def square_roots(self) -> Mapping[Node, Node]:
-        """The square roots in momenta and forces: a mapping from the node of each root to that of its radicand."""
+        """The square roots in momenta and forces: a mapping from the node of each root to that of a power of its radicand."""
         return self.square_roots_in((*self.equations.momenta, *self.equations.forces))
 
     def square_roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
-        """Return the square roots in `nodes`: a mapping from the node of each root to the node of its radicand.
+        """Return the square roots in `nodes`: a mapping from the node of each root to a power of its radicand.
 
         A power with a fractional exponent counts as a square root of its base. A Taylor series is valid up to a zero
         of the radicand, and its coefficients do not show this zero: sqrt(x**2) continues as x. A root in a branch

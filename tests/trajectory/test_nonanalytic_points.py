@@ -110,6 +110,21 @@ def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
     assert "sqrt(x**2 - 2*x*y + y**2) becomes zero there" in result.message and "as abs" in result.message
 
 
+@pytest.mark.few(2)
+@pytest.mark.parametrize(
+    ("potential", "stated"),
+    [
+        (x ** Rational(4, 3), "x**(1/3)"),
+        (x ** Rational(5, 2), "x**(3/2)"),
+        ((x - 1) ** Rational(5, 3), "(x - 1)**(2/3)"),
+        ((x - 1) ** Rational(3, 2) + x, "sqrt(x - 1)"),
+    ],
+)
+def test_the_message_names_the_power_that_becomes_zero(potential: Any, stated: str) -> None:
+    result = lg.System(x.dot**2 / 2, potential).run(8.0, {x: 1.5, x.dot: -1.0})
+    assert result.status is lg.Status.NON_FINITE and f" {stated} becomes zero there" in result.message
+
+
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("square", "absolute"),

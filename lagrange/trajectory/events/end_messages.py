@@ -104,7 +104,7 @@ def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
 
 
 def rootless(name: str) -> EventResult:
-    """Return the end of a run where the square root `name` in the equations of motion becomes zero."""
+    """Return the end of a run where the root or power `name` in the equations of motion becomes zero."""
     return EventResult(
         Status.NON_FINITE,
         f"{name} becomes zero there, and has no Taylor series: after this time a sqrt, log or power leaves its domain, "

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property, partial
 
 import numpy as np
@@ -148,14 +149,15 @@ this factor the lengths stay within 1e-13 of 1 over 1e5 steps at the default tol
 
 
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
-    """Return the square roots whose zeros end a Taylor series, as a mapping from root to radicand.
+    """Return the square roots whose zeros end a Taylor series, as a mapping from root to a power of its radicand.
 
-    They are those in the equations of motion and those in the expressions `events`. A square root that is itself an
-    event is left out, because its zeros are found as those of the event.
+    The roots are those in the equations of motion and those in the expressions `events`. A square root that is itself
+    an event is left out, because its zeros are found as those of the event. The power is that in the equations or
+    events, such as x**(1/3).
     """
     if not events:
         return model.square_roots
-    inside = {root: base for root, base in model.square_roots_in(events).items() if root not in events}
+    inside = {root: power for root, power in model.square_roots_in(events).items() if root not in events}
     return {**model.square_roots, **inside}
 
 
@@ -168,6 +170,10 @@ def watched_names(problem: Problem) -> list[str]:
     surfaces = [model.equations.express(surface) for surface in switched.expressions]
     shown = [*surfaces, *(event.expression for event in problem.events)]
     # SymPy would print sqrt(x**2) as Abs(x), the form that the message recommends.
-    bases = [model.equations.express(base) for base in square_roots.values()]
+    bases = [model.equations.express(power.args[0]) for power in square_roots.values()]
     names = [*map(model.statement.quote, (*shown, *bases))]
-    return [*names[: len(shown)], *(f"sqrt({name})" for name in names[len(shown) :])]
+    for place, power in enumerate(square_roots.values(), len(shown)):
+        base, exponent = names[place], abs(power.data)
+        base_in_power = base if base.isidentifier() else f"({base})"
+        names[place] = f"sqrt({base})" if exponent == Fraction(1, 2) else f"{base_in_power}**({exponent})"
+    return names
