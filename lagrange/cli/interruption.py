@@ -1,4 +1,4 @@
-"""The signals that ask a program to end: SIGINT, which is Ctrl-C, SIGTERM and SIGHUP.
+"""A standard output that may be closed, and the signals that ask a program to end: SIGINT (Ctrl-C), SIGTERM, SIGHUP.
 
 Python raises KeyboardInterrupt in whatever code runs when a signal arrives. Inside an import or a finalizer the
 exception is lost or becomes another error. So such a signal is stored, and sent again until other code runs.

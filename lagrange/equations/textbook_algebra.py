@@ -1,4 +1,6 @@
-"""The textbook derivation as sums of monomials: energies to accelerations, limits of their size, proofs of zero.
+"""The textbook derivation as sums of monomials: energies to accelerations, and proofs of zero.
+
+The limits of size above which formulas are not multiplied out, or are refused, are here, too.
 
 A sum is proven zero for all values of its symbols as follows. Roots and quotients are multiplied out. Sines and cosines
 of sums and multiples are expanded to sines and cosines of their smallest parts. Even powers of sines are written in

@@ -310,7 +310,7 @@ class _PreciseRun:
                 improve = self._improvement(times, h, y)
                 change = improve(a - computed)
                 a = a + change
-                # A change of an acceleration by its size changes the motion noticeably within the time h.
+                # `sizes` are changes of the accelerations that change the motion noticeably within the time h.
                 terms = (np.abs(self.rule.spectrum @ a), np.abs(v) / abs(h), np.abs(q) / h**2)
                 sizes = np.max([term.max(axis=0) for term in terms], axis=0)
                 sizes = np.maximum(sizes, 1e-15 * float(sizes.max()) or 1.0)

@@ -450,8 +450,9 @@ class _Differences:
 class _Programs:
     """Programs for L, Q, D and the constraints, or copies in which each computed number has a factor close to 1.
 
-    `energies` has three rows of programs for L: for p, for dL/dq and for M. `held` are the constraints, for the
-    gradient and for time derivatives. The last result of an entry of `drag` is D, or its terms with one velocity.
+    `energies` has three rows of programs for L: for p, for dL/dq and for M. `loads` has the forces Q, then D.
+    The last result of an entry of `drag` is D, or the terms of D with one velocity. `held` are the constraints, for
+    the gradient and for time derivatives.
     """
 
     lagrangian: Precise

@@ -62,7 +62,7 @@ def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
     rows = [(r.direction, r.terminal, r.first, len(r.entries), int(r.root), int(r.smooth)) for r in reactions]
     settings = [x for block in zip(*rows, strict=True) for x in block]
     if len(settings) != len(SETTINGS) * len(reactions):
-        raise AssertionError("each setting needs a block")
+        raise AssertionError("a setting has no block")
     return np.array([*settings, *(entry for r in reactions for entry in r.entries), 0], dtype=np.int64)
 
 

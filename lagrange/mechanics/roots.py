@@ -245,7 +245,7 @@ def _together(equations: Sequence[Any], unknowns: Sequence[Any], known_values: d
     return solutions
 
 
-STARTS = 256  # Number of starting points of a search by number
+STARTS = 256  # Number of starting points of a numerical search
 NEWTON_STEPS = 60  # Largest number of Newton steps from each start; near a root five suffice
 CONVERGED_STEP = 1e-9  # Largest last Newton step of a converged start, relative to 1 plus the largest unknown
 SMALL = 1e-8  # Largest residual at a root, relative to the typical residuals at the starts

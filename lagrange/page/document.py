@@ -48,7 +48,7 @@ def contents(statement: Statement) -> tuple[str, ...]:
 
 
 def motion_script(model: Model, parameters: Mapping[Any, Any] | None) -> tuple[str, tuple[float, ...]]:
-    """Return a script, the exported JavaScript module of a model, and the values of its parameters.
+    """Return a script with the exported JavaScript module of a model, and the values of the model's parameters.
 
     The script ends with the call that passes its functions to the page, because no other script can import an inline
     module. Raises StatementError for functions that JavaScript lacks.
@@ -215,11 +215,11 @@ _COMMENT = re.compile(r"^ *(//.*|/\*\*.*\*/|/\*\*$(?:\n *\* .*)*\n *\*/)$|/\*.*?
 
 
 def html(name: str, parts: Mapping[str, str], scripts: Mapping[str, str], hidden: str = "", *, trusted: bool) -> str:
-    """Return a page: the template file `name`, filled with its parts and scripts by the names of their fields.
+    """Return a page: the template file `name`, in which each field is replaced by the part or script of its name.
 
     The security policy of the page allows only `scripts`, the style in `parts`, and `hidden`, a script that the
-    others add later. They are allowed by their hashes, and requests are not allowed. With `trusted` scripts cannot
-    turn text into HTML or into other scripts.
+    others add later. They are allowed by their hashes; requests over the network are not allowed. If `trusted`
+    is true, scripts cannot turn text into HTML or into other scripts.
     """
     allowed = " ".join(hash_of(script) for script in (*scripts.values(), hidden) if script)
     policy = f"default-src 'none'; script-src {allowed}; style-src {hash_of(parts['style'])}; base-uri 'none'; "

@@ -154,7 +154,7 @@ class Builder:
     def constant(self, value: Any, kind: Kind) -> Any:
         """Return a Python number as a constant of the given kind."""
         if isinstance(value, bool) != (kind is FLAG) or (kind is WHOLE and not isinstance(value, int)):
-            raise LagrangeError(f"procedure {self.name}: {value!r} is not a {kind}.")
+            raise LagrangeError(f"procedure {self.name}: {value!r} is not of the kind {kind}.")
         data: float | int | bool = float(value) if kind is REAL else value if kind is FLAG else int(value)
         key = kind, repr(data)
         for known in self._constants:

@@ -98,9 +98,9 @@ class SourcePrinter(Visitor, Syntax):
             self.lines.append(self.indent * self.depth + line)
 
     def write(self, line: str) -> None:
-        """Print a statement that may change operands of deferred values, after assignments of these values.
+        """Print an assignment for each deferred value, then a statement that may change operands of these values.
 
-        The expression of a deferred value would otherwise be inserted at its use, which is after the statement.
+        Otherwise the expression of a deferred value would be inserted at its use, which is after the statement.
         """
         self.settle()
         self.put(line)

@@ -6,8 +6,9 @@ abs(a) is side * a, sign(a) is the side itself and a condition is one about side
 g, ends a step on its surface, and continues with the other side. A g without a value, in a branch that is not taken,
 counts as 1.
 
-atan2(y, x) jumps by 2 pi where y = 0 and x < 0, so that y is a surface too. Its series is smooth through the jump; only
-its value at order 0 depends on the side: at y = 0, y has the sign of the side, -0.0 for -1.
+atan2(y, x), which also stands for Mod, jumps by 2 pi where y = 0 and x < 0, so that y is a surface too. Its series is
+smooth through the jump; only its value at order 0 depends on the side: at y = 0, y has the sign of the side, -0.0 for
+-1.
 """
 
 from __future__ import annotations

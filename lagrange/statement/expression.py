@@ -1,5 +1,7 @@
 """Values from users: numbers, arrays, truth values, words and expressions are checked and converted, or refused.
 
+Among expressions, Mod becomes an atan2.
+
 This is the gate to SymPy, which runs texts: `sympify` evaluates them as Python, also inside lists and matrices. So all
 expressions from users reach SymPy only through this module, entry by entry.
 """

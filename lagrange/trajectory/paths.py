@@ -145,7 +145,7 @@ def step_path(
 def stages_polynomial(tableau: ButcherTableau) -> StepPolynomial:
     """Return the formula of the dense output of an explicit Runge-Kutta method, which is made from its stages."""
     if tableau.dense is None:
-        raise AssertionError("a method is registered with its dense output")
+        raise AssertionError("a method is registered without its dense output")
     rows = np.zeros((len(tableau.rows), len(tableau.rows)))
     for i, row in enumerate(tableau.rows):
         rows[i, : len(row)] = [float(a) for a in row]

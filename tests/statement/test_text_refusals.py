@@ -80,7 +80,7 @@ REFUSALS = {
     "1 if x else 2": (1, "a condition compares two values: write it as in a if x < 0 else b."),
     "1 if (1 if x < 2 else 3) < 2 else 3": (6, "a condition cannot compare a value that has conditions itself."),
     "x" + " if x < 1 else y" * 33: (1, "a condition has at most 32 branches."),
-    "x if 0<x<1 else " * 5 + "y": (1, "more than 4 chained comparisons in a row lead to the same value."),
+    "x if 0<x<1 else " * 5 + "y": (1, "more than 4 chained comparisons in a row have the same value."),
     # what has no value
     "1 + x/0": (5, "a denominator is zero."),
     "sqrt(-1)": (1, "sqrt(-1) has no finite real value."),

@@ -35,9 +35,10 @@ class TaylorEvents:
     """The watched functions of members: `count` of them, and the first `events` are the user's events.
 
     `values` evaluates all of them from a time, a state, and the parameters with all values that depend on them
-    alone. `changing` is true if one of them may end the run. `hides_growth` is true if a series may hide
-    growth, so that every step is inspected. `steep` is true if a function has powers above the order of the
-    series. Then the series are compared with the functions at the end of every step.
+    alone. `changing` is true if one of them may end the run. `hides_growth` is true if a series has exp,
+    sinh, cosh or tanh, whose terms may grow late, so that every step is inspected. `steep` is true if a
+    function has powers above the order of the series. Then the series are compared with the functions at the
+    end of every step.
     """
 
     values: Procedure

@@ -425,7 +425,7 @@ VERIFIED_HALVINGS = 60
 
 
 def state_type() -> Array:
-    """Return the type of a parameter that is an array written in whole blocks."""
+    """Return the type of an array parameter that is accessed in whole vectors, also beyond its last entry."""
     return Array(room=WIDEST_VECTOR)
 
 

@@ -39,8 +39,8 @@ class Watch:
 
     enabled       1 if steps are taken, 0 if the driver must return because the caller still has to change the motion.
     fresh         1 at the start of a motion whose sides are not determined yet.
-    hides_growth  1 if a series may hide growth: every step is inspected, and is only as long as the series prove to be
-                  accurate.
+    hides_growth  1 if a series has exp, sinh, cosh or tanh, whose terms may grow late: every step is inspected, and is
+                  only as long as the series prove to be accurate.
     steep         1 if powers above the order are watched: at the end of every step their series are compared with the
                   functions.
     surfaces      Number of switching surfaces.

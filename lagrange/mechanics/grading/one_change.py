@@ -1,5 +1,7 @@
 """The single change of one term that makes a wrong equation right, found from its values along the true motion.
 
+It is a wrong sign, a wrong factor such as 1/2, a missing term, or a term too many.
+
 Every sum of the equation is tried: both sides, brackets and denominators. At each sample the residual determines by how
 much the sum has to change. If that change is the same small fraction of one term at all samples, or the fraction times
 a few powers of symbols, this term is wrong. The equations of motion, the constraints, the multipliers and the rates of

@@ -1,7 +1,7 @@
 """Slips that explain all faults of an answer at once, and numbers that stand for others.
 
-Slips are a sign, degrees, small angles, or a wrong definition. Numbers are decimals rounded from exact numbers, and
-values of parameters.
+Slips are a sign, a factor 2 or 1/2 of a symbol everywhere, degrees, small angles, or a wrong definition. Numbers are
+decimals rounded from exact numbers, and values of parameters.
 """
 
 from __future__ import annotations

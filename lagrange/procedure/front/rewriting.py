@@ -42,16 +42,16 @@ EQUALITIES: Mapping[type[ast.cmpop], str] = {ast.Eq: "equal", ast.NotEq: "differ
 INSTEAD: Mapping[type[ast.AST], str] = {
     ast.Break: "`break`: put the condition into the `while`",
     ast.Continue: "`continue`: put what follows under the opposite condition",
+    ast.While: "`else` after a loop: put what follows under a condition",
+    ast.For: "`else` after a loop: put what follows under a condition",
     ast.Try: "`try`: nothing raises; return a status",
     ast.Raise: "`raise`: return a status",
-    ast.With: "`with`",
     ast.Assert: "`assert`: return a status",
     ast.Global: "`global`: hand the value on as an argument",
     ast.Nonlocal: "`nonlocal`: return the value",
     ast.Delete: "`del`",
     ast.Match: "`match`: use `if`",
     ast.NamedExpr: "`:=`: assign before the statement",
-    ast.Await: "`await`",
     ast.Starred: "a starred target: write the names out",
 }
 """Constructs that a plain procedure must not contain, each with the construct to use in its place."""

@@ -1,4 +1,4 @@
-"""Panels of a figure: their quantities, their axes with ticks of angles, curves over time and in a plane."""
+"""Panels of a figure: their quantities, their axes, curves over time and in a plane."""
 
 from __future__ import annotations
 

@@ -220,7 +220,7 @@ def _numbers(
 ) -> None:
     """Write the numbers and the name of axis `k` of space, outside of the edge of the floor.
 
-    `foot` is a point on the edge; its coordinate along the axis is None.
+    `foot` is a point on the line of the axis; its coordinate along the axis is None.
     """
     ticks = box.ticks(k)
     outwards = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0)][k]) if k < 2 else np.zeros(3)

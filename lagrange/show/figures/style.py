@@ -1,4 +1,4 @@
-"""The look of figures: new figures, colours, line styles, and numbers at ticks."""
+"""The look of figures: new figures, colours, line styles, numbers at ticks, and ticks of angles at multiples of pi."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import numpy as np
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.errors import StatementError, formula, shown
+from lagrange.errors import StatementError, counted, formula, shown
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import expression, real_array
 
@@ -99,7 +99,7 @@ def checked_table(title: str, columns: Sequence[Any] | Any, points: str) -> Tabu
     if isinstance(columns, np.ndarray) and columns.ndim == 0:
         raise StatementError(f"{title} is an array without entries: give {both}.")
     if len(columns) != 2:
-        raise StatementError(f"{title} has {len(columns)} columns: give {both}.")
+        raise StatementError(f"{title} has {counted(len(columns), 'part')}: give {both}.")
     arguments, values = (
         real_array(columns[0], f"the {points} of {title}"),
         real_array(columns[1], f"the values of {title}"),

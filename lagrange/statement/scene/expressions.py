@@ -433,7 +433,7 @@ class Reader:
             same = k > 0 and value.expression == values[k - 1].expression
             chained = (chained if same else 0) + condition.chained
             if chained > MOST_CHAINED:
-                raise RefusalError(f"more than {MOST_CHAINED} chained comparisons in a row lead to the same value")
+                raise RefusalError(f"more than {MOST_CHAINED} chained comparisons in a row have the same value")
         pairs = [(term_of(value), condition.expression) for value, condition in branches]
         expression = sympy.Piecewise(*pairs, (term_of(last), True))
         chosen = [value.double for value in [*values, last] if value.expression == expression]

@@ -397,7 +397,7 @@ class Definition:
         order = names.order(sides[0] + sides[1])
         if alone or stated:
             lone = bool(alone)
-        elif _FORCE.fullmatch(name):  # f is the force of a constraint if there is one
+        elif _FORCE.fullmatch(name):  # f is a force of constraint if there are constraints, and defines nothing
             lone = shared and not (name[0] == "f" and any(known.startswith("lambda_") for known in names.names))
         else:
             lone = order == 0 or _is_multiple(sides, words, names)

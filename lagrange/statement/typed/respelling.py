@@ -1,4 +1,4 @@
-r"""Respelling of typed text before its tokens: matrices, rows and arrows of LaTeX, Markdown, mail, words for "=".
+r"""Respelling of typed text before its tokens: matrices, \over and \overset of LaTeX, Markdown, mail, words for "=".
 
 Fractions such as \dfrac, Greek letters and other commands of LaTeX are in `tokens`.
 Text around formulas becomes blanks. The text keeps its length, so that offsets in it are those of the typed text.

@@ -1,4 +1,4 @@
-r"""Tokens of a typed formula: words, numbers, signs, LaTeX commands such as \dfrac, each with its place in the text.
+r"""Tokens of a typed formula: words, numbers, signs, LaTeX commands such as \dfrac and \ddot, each with its place.
 
 Derivatives get one form for all notations: primes, LaTeX dots, and d/dt. Words are not looked up here: `typed.names`
 decides whether a word is a symbol of the system.

@@ -126,7 +126,7 @@ class Transitions:
         resting = [i for i in touching if touch.rates[normals[i]] <= noise[normals[i]] or i in plastic]
         rest = _Rest(touch, resting, near, end, ways)
         y, following, accelerations = self._next(rest)
-        # A slip that was an error of the state, and that the projection removed or reversed, is zero.
+        # A slip that the projection removed or reversed was an error of the state: it counts as zero.
         slides = [(i, kin.rows[i][1], way) for i, way in enumerate(following.ways) if way is not None]
         rates, noise = kin.rates(touch.t, y) if slides else touch.rates, touch.noise
         if turned := [i for i, row, way in slides if way * rates[row] <= noise[row] < abs(touch.rates[row])]:

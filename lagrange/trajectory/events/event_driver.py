@@ -65,7 +65,7 @@ class EventDriver:
         Accepted times and states are written to `times` (k,) and `rows` (k, 2n); k is their capacity.
         """
         if self._compiled is None:
-            raise AssertionError("there is machine code")
+            raise AssertionError("the loop has no machine code")
         if self._stale:
             self._watch.write()
         code = self._compiled(state, self._memory, times, rows)

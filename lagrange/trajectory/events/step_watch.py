@@ -363,7 +363,7 @@ class StepWatch(EventLog):
             self._sides[i] = side
             at_end = [root for root in step_roots if root.time >= s - close]
             if at_end and i not in mine:
-                # Another event that is zero at this time occurs at this time, and is not recorded before it.
+                # Another event within `close` of this time occurs at exactly this time, not before it.
                 mine[i] = EventZero(i, Root(s, at_end[0].rising))
             early = [zero for zero in before if zero.which == i][: len(step_roots) - len(at_end)]
             self._record(early, sample, steps_before)

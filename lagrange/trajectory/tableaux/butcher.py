@@ -317,7 +317,10 @@ def size(tree: Tree) -> int:
 
 @cache
 def density(tree: Tree) -> int:
-    """Return the density gamma of a tree: the exact solution has the weight theta**size / gamma for this tree."""
+    """Return the density gamma of a tree: the exact solution has the weight theta**size / gamma for this tree.
+
+    theta is the fraction of the step.
+    """
     return size(tree) * prod(map(density, tree))
 
 
