@@ -200,6 +200,20 @@ def test_a_run_through_many_transitions_has_the_order_of_its_method() -> None:
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(4, abs=0.25)
 
 
+@pytest.mark.slow
+def test_a_block_slides_straight_on_a_plane_and_stops() -> None:
+    (x, y, z), (m, g, mu) = lg.coordinates("x y z"), lg.parameters("m g mu")
+    floor = lg.contact(z, slip=(x.dot, y.dot), friction=mu)
+    kinetic, values = m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, {m: 1, g: G, mu: 0.3}
+    start = {x.dot: 3, y.dot: 4}
+    system = lg.System(kinetic, m * g * z, contacts={"floor": floor}, parameters=values, initial=start)
+    run = system.run(5.0).require()
+    stops = np.argmax(run.contacts["floor"].mode == "sticking")
+    assert run.t[stops] == pytest.approx(5 / (0.3 * G), abs=1e-11)
+    assert run.y[:3, -1] == pytest.approx([0.6 * 25 / (0.6 * G), 0.8 * 25 / (0.6 * G), 0], abs=1e-10)
+    assert run.contacts["floor"].friction[:, 0] == pytest.approx([-0.6 * 0.3 * G, -0.8 * 0.3 * G])
+
+
 # --- undetermined motions and forces --------------------------------------------------------------------------
 # Contacts whose laws determine no motion, or not the forces: messages name contacts, rank and region.
 

@@ -435,3 +435,63 @@ def test_rods_on_ball_joints_keep_energy_and_momentum_about_the_vertical() -> No
         generator |= {w: -k / 2, i: -j / 2, j: i / 2, k: w / 2}
     assert np.ptp(run.energy) < 1e-10
     assert np.ptp(run.evaluate(system.noether(generator))) < 1e-11
+
+
+@pytest.mark.slow
+def test_top_on_its_homoclinic_path() -> None:
+    """With p_phi = p_psi = sqrt(3 m g a J1) the top rises for ever: cos(theta) = 1/(1 + sech(gamma t))."""
+    tilt, p = np.pi / 3, np.sqrt(3)
+    slow = p / 1.5
+    top = body((1, 1, 0.5), (0, slow * np.sin(tilt), p / 0.5), lg.turn((1, 0, 0), tilt), R[2, 2])
+    assert abs(top.run(3.0, rtol=1e-14)[R][-1, 2, 2] - 1 / (1 + 1 / np.cosh(3.0))) < 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1))
+def test_linear_equations_anywhere_agree_with_the_compiled_model(seed: int) -> None:
+    """With a coordinate, torques and an input: `linearize` compares itself with the model, and raises if it differs."""
+    draw = np.random.default_rng(seed)
+    x, u = lg.coordinate("x"), lg.parameters("u")
+    energy = R.body.dot(diag(1.1, 1.3, 1.7) * R.body) / 2 + m * (x.dot**2 + x.dot * R.space[0]) / 2
+    system = lg.System(
+        energy,
+        m * g * x * R[2, 2] + x**2 * R[0, 1],
+        parameters={m: 0.7, g: 2.0, u: 0.3},
+        forces={R.space: (0.1, x, u), R.body: (0, 0, -0.1 * R.body[2])},
+    )
+    place = {R: lg.turn(draw.normal(size=3), 1.1), R.body: tuple(draw.normal(size=3).tolist()), x: 0.4, x.dot: -0.2}
+    assert system.linearize(place, inputs=[u]).note.startswith("Away from equilibrium")
+
+
+@pytest.mark.slow
+def test_a_rattleback_is_unstable_in_pitch_one_way_and_in_roll_the_other() -> None:
+    """Its equations are reversible: exponents of the opposite spin have the opposite sign."""
+    scene = lg.scene("rattleback")
+    values = dict(scene.statement.defaults)
+    exponents = [
+        np.linalg.eigvals(np.array(scene.linearize({"z": 0.01, R.body: (0, 0, spin)}).A.subs(values), dtype=float))
+        for spin in (-5.0, 5.0)
+    ]
+    fast, slow = (each[np.argmax(each.real)] for each in exponents)
+    assert abs(fast.imag) > 100 > 40 > abs(slow.imag) > 0 and fast.real > 10 * slow.real > 1e-3
+    assert np.sort(exponents[0].real) == pytest.approx(np.sort(-exponents[1].real), abs=1e-6)
+
+
+@pytest.mark.slow
+def test_linear_equations_of_a_sleeping_top_in_symbols() -> None:
+    """For a spinning top: x'' = ((1 - J3/J1) w^2 + m g a/J1) x + (2 - J3/J1) w y'."""
+    thick = lg.parameters("J3")
+    top = body((m, m, thick), (0, 0, 0), potential=a * R[2, 2], parameters={m: 1.0, a: 1.0, thick: 0.5})
+    matrix = top.linearize({R.body: (0, 0, 3)}).A
+    expected = sympy.Matrix([[9 * (1 - thick / m) + a / m, 0, 0], [0, 9 * (1 - thick / m) + a / m, 0], [0, 0, 0]])
+    assert (matrix[3:, :3] - expected).applyfunc(sympy.simplify).is_zero_matrix
+    assert sympy.simplify(matrix[3, 4] - 3 * (2 - thick / m)) == 0
+
+
+@pytest.mark.slow
+def test_conserved_momenta_of_a_symmetric_top() -> None:
+    top = body((m, m, a), (0.1, 0.2, 3), lg.turn((1, 0, 0), 0.4), g * R[2, 2], parameters={m: 1.0, g: 1.0, a: 0.5})
+    names = [quantity.name for quantity in top.conserved()]
+    assert names == ["energy", "angular momentum z", "angular momentum z of the body"]
+    for name, values in top.run(5.0, rtol=1e-12).invariants.items():
+        assert np.ptp(values) < 1e-9, name
