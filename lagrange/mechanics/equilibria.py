@@ -51,8 +51,8 @@ class Equilibrium(ShownAsPage):
     `energy` is v.p - L at the equilibrium. `condition` is the condition on the parameters under which it exists.
     `exists` is the truth of the condition at the values of the parameters, or None if a value is missing. `stable` is
     True, False, or None if undecided, and `reason` says why. `criterion` has the leading minors of the stiffness matrix
-    at fixed momenta of ignorable coordinates: if all are positive, the energy has a minimum. `exact` is false if the
-    equilibrium was found numerically. `statement` is the statement of the system.
+    at fixed momenta of ignorable coordinates: if all are positive, the energy has a minimum. It is empty for formulas
+    that are too long. `exact` is false if the equilibrium was found numerically. `statement` is that of the system.
     """
 
     coordinates: Mapping[Any, Any]

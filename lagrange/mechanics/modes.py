@@ -30,7 +30,14 @@ from lagrange.mechanics.plain_form import (
     simplest,
     size,
 )
-from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
+from lagrange.mechanics.stability import (
+    REAL_PART,
+    first_order_matrix,
+    has_inertia,
+    has_long_formulas,
+    matrix_values,
+    stability_of,
+)
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.display import ShownAsPage
@@ -129,7 +136,8 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
         )
     lin = moving
     values = matrix_values(lin, point)
-    symbolic = _symbolic(lin) if not point.decimal and lin.M.rows <= LARGEST_SYMBOLIC else None
+    short = not point.decimal and lin.M.rows <= LARGEST_SYMBOLIC and not has_long_formulas(lin)
+    symbolic = _symbolic(lin) if short else None
     if symbolic is None and values is None:
         missing = [p.name for p in statement.parameters if p not in statement.defaults]
         raise StatementError(

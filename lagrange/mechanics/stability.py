@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -24,6 +25,7 @@ from lagrange.mechanics.plain_form import (
     numeric,
     real,
     simplest,
+    size,
     vanishes,
     vanishes_in_symbols,
 )
@@ -36,7 +38,14 @@ from lagrange.statement.statement import Statement
 REAL_PART = 1e-6
 """Real parts below this fraction of the largest eigenvalue count as zero: double eigenvalues are accurate to 1e-8."""
 
+MOST_OPERATIONS = 150
+"""Largest number of operations in M, C and K together for determinants in symbols.
+
+Those of 3 coordinates with 112 operations take 0.3 s, those of 2 coordinates with 255 operations some minutes.
+"""
+
 LARGEST_DEGREE = 100  # Largest denominator of the degree of a term of the dissipation, such as 3/2
+SAMPLES = 4  # Number of random values of the symbols at which a mass matrix with long formulas is evaluated
 DEFINITE = 1e-9  # Eigenvalues of a symmetric matrix below this fraction of its largest entry count as zero
 
 
@@ -72,8 +81,9 @@ def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
 def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False) -> Verdict:
     """Return the stability of an equilibrium.
 
-    It follows from eigenvalues if all parameters have values, else from signs that SymPy can prove. `axial` is true if
-    the system stays the same when the two coordinates that are not ignorable turn about the equilibrium.
+    It follows from eigenvalues if all parameters have values, else from signs that SymPy can prove, if the formulas are
+    not too long. `axial` is true if the system stays the same when the two coordinates that are not ignorable turn
+    about the equilibrium.
     """
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
@@ -97,6 +107,12 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
     carried = any(not constraint.holonomic for constraint in constraints) or (bool(constraints) and any(point.v))
     if values is None and carried:  # K is not the curvature of an energy
         return Verdict(None, "with these constraints eigenvalues decide on stability: give values of all parameters.")
+    if values is None and has_long_formulas(lin):
+        return Verdict(
+            None,
+            f"the matrices of its linear equations have more than {MOST_OPERATIONS} operations, too many to decide on "
+            "stability in symbols: give values of all parameters.",
+        )
     if values is None:
         return _symbolic_verdict(lin, form, gone, axial=axial)
     parts = [numeric(x, values) for x in (lin.M, lin.C, lin.K)]
@@ -109,17 +125,31 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
 
 
 def has_inertia(lin: Linearization) -> bool:
-    """Return True if the mass matrix M is regular, as it is wherever the coordinates are regular."""
-    return not is_zero(lin.M.det(method="berkowitz"))
+    """Return True if the mass matrix M is regular, as it is wherever the coordinates are regular.
+
+    A matrix with long formulas is regular if its rank is full at some of `SAMPLES` random values of its symbols.
+    """
+    if not has_long_formulas(lin):
+        return not is_zero(lin.M.det(method="berkowitz"))
+    draw = random.Random(7)
+    symbols = sorted(lin.M.free_symbols, key=str)
+    samples = [{x: sympy.Rational(draw.randrange(64, 256), 128) for x in symbols} for _ in range(SAMPLES)]
+    masses = [numeric(lin.M, sample) for sample in samples]
+    return any(np.isfinite(mass).all() and np.linalg.matrix_rank(mass) == len(mass) for mass in masses)
+
+
+def has_long_formulas(lin: Linearization) -> bool:
+    """Return True if determinants and roots of M, C and K in symbols would take too long."""
+    return sum(size(x) for matrix in (lin.M, lin.C, lin.K) for x in matrix) > MOST_OPERATIONS
 
 
 def criterion(lin: Linearization, fixed: tuple[int, ...], *, axial: bool = False) -> tuple[Any, ...]:
     """Return the leading minors of the stiffness matrix K at fixed momenta.
 
     `fixed` has the indices of the ignorable coordinates, whose momenta are fixed. If all minors are positive, the
-    energy has a minimum. The result is empty if M is singular.
+    energy has a minimum. The result is empty if M is singular, or the formulas are too long.
     """
-    if not has_inertia(lin):
+    if has_long_formulas(lin) or not has_inertia(lin):
         return ()
     _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, fixed, axial=axial)
     return tuple(simplest(stiffness[:k, :k].det(method="berkowitz")) for k in range(1, stiffness.rows + 1))
@@ -251,11 +281,11 @@ def _is_drag(term: Any, v: Sequence[Any]) -> bool:
 
 def _verdict_of_eigenvalues(values: Any) -> Verdict | None:
     """Return the verdict that follows from the real parts of eigenvalues, or None if they are inconclusive."""
-    size = max(1e-300, float(np.abs(values).max()))
+    scale = max(1e-300, float(np.abs(values).max()))
     largest = float(values.real.max())
-    if largest > REAL_PART * size:
+    if largest > REAL_PART * scale:
         return Verdict(stable=False, reason=f"an eigenvalue has the positive real part {largest:.6g}.")
-    if largest < -REAL_PART * size:
+    if largest < -REAL_PART * scale:
         return Verdict(stable=True, reason=f"all eigenvalues have negative real parts, up to {largest:.6g}.")
     return None
 
@@ -318,8 +348,8 @@ class EigenvaluePath:
     @property
     def stable(self) -> Any:
         """True where no eigenvalue has a positive real part, (k,): necessary for stability, but not sufficient."""
-        size = np.abs(self.eigenvalues).max(axis=1)
-        return self.eigenvalues.real.max(axis=1) <= 1e-6 * size
+        scale = np.abs(self.eigenvalues).max(axis=1)
+        return self.eigenvalues.real.max(axis=1) <= 1e-6 * scale
 
 
 def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, model: Model) -> EigenvaluePath:

@@ -378,3 +378,18 @@ def test_input_of_a_filter() -> None:
     filtered = lg.System(kinetic=0, forces={e: (u - e) / tau}, dissipation=e.dot**2 / 2)
     linear = filtered.linearize(inputs=[u])
     assert (linear.A[0, 0], linear.B[0, 0]) == (-1 / tau, 1 / tau)
+
+
+def test_long_formulas_leave_stability_to_numbers() -> None:
+    """Determinants of the equilibrium away from the origin would take minutes in symbols."""
+    kinetic, potential = m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, k * (x**2 + 2 * y**2 + x * y) / 2 + m * g * z
+    values = {"m": 1, "g": 2, "k": 2, "a": 0.6}
+    system = lg.System(kinetic, potential, constraints=[z - a * x * y - x**3], parameters=values)
+    origin, saddle = system.equilibria()
+    assert [origin.stable, saddle.stable, len(origin.criterion), saddle.criterion] == [True, False, 2, ()]
+    growth = system.modes(saddle.at)
+    assert (growth.stable, growth.symbolic) == (False, False)
+    largest = max(value.real for value in growth.eigenvalues)
+    assert saddle.reason == f"an eigenvalue has the positive real part {largest:.6g}."
+    _, undecided = lg.System(kinetic, potential, constraints=[z - a * x * y - x**3]).equilibria()
+    assert undecided.reason.startswith("the matrices of its linear equations have more than 150 operations, too many")
