@@ -397,9 +397,8 @@ class System:
     def substitute(self, parameters: Mapping[Any, Any]) -> System:
         """Return the System with numbers or expressions for some parameters, such as {l: 1, m2: mu*m1}.
 
-        Keys are symbols or names. New symbols are parameters without a value. A given function X is replaced by
-        {X: sin(t)}, {X: (times, values)} or a given function with values. Raises StatementError for a key that is not
-        a parameter, and for expressions that are not constant.
+        Keys are symbols or names; {X: sin(t)} or {X: (times, values)} replaces a given function. New symbols have no
+        value. Raises StatementError for a key that is not a parameter, and for expressions that are not constant.
         """
         from lagrange.mechanics.reduction import substituted
 
