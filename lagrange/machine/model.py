@@ -184,7 +184,7 @@ class Model:
 
     @cached_property
     def square_roots(self) -> Mapping[Node, Node]:
-        """The square roots in momenta and forces: a mapping from the node of each root to that of a power of its radicand."""
+        """The square roots in momenta and forces: a mapping from each root to a power of its radicand, both nodes."""
         return self.square_roots_in((*self.equations.momenta, *self.equations.forces))
 
     def square_roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
