@@ -131,8 +131,10 @@ class StatedPoint:
         """Return the expression `side` with each Piecewise replaced by its branch at the point, if known."""
 
         def chosen(node: Any) -> Any:
-            known = ((value, condition.xreplace(self.table)) for value, condition in node.args)
-            return next((value if condition == sympy.true else node for value, condition in known if condition), node)
+            # A condition such as sin(t) < 1 is neither true nor false: then the branch is unknown.
+            branches = ((value, condition.xreplace(self.table)) for value, condition in node.args)
+            left = ((value, condition) for value, condition in branches if condition != sympy.false)
+            return next((value if condition == sympy.true else node for value, condition in left), node)
 
         return side.replace(lambda node: node.is_Piecewise, chosen)
 

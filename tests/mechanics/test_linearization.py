@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from sympy import Matrix, Piecewise, acos, cos, pi, sign, sin
+from sympy import Matrix, Max, Min, Piecewise, acos, cos, pi, sign, simplify, sin
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
@@ -149,6 +149,13 @@ def test_corners_that_do_not_matter_leave_the_matrices() -> None:
     assert beside.K[0] == 4 * k
 
 
+def test_a_branch_that_is_not_known_at_the_point_remains() -> None:
+    """A corner at x = 0 beside a force whose branch depends on the time, or on a parameter without a value."""
+    for factor in (Min(1, sin(lg.t)), Min(u, w)):
+        spring = lg.System(m * x.dot**2 / 2, k * x**2 / 2 + Max(x, 0) ** 3, forces={x: x * factor}).linearize()
+        assert simplify(spring.K[0] - k + factor) == 0
+
+
 def test_a_point_in_decimals_is_checked_at_the_values_of_the_parameters_alone() -> None:
     # Its matrices are of whole numbers here, and say nothing of other values.
     spring = lg.System(m * x.dot**2 / 2, k * x**2 / 2, coordinates=[x], parameters={m: 1, k: 2})
@@ -216,6 +223,7 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
         (lambda: linear(T, k * abs(x)), CORNER.format("x") + " so that they are not linear near it."),
         (lambda: linear(T, Piecewise((x**2, x > 0), (2 * x**2, True))), CORNER.format("x")),
         (lambda: linear(T, k * x**2, forces={x: -sign(x.dot)}), CORNER.format("x_dot")),
+        (lambda: linear(T, Max(x, 0) ** 2, forces={x: Min(1, sin(lg.t))}), CORNER.format("x")),
         (
             lambda: lg.System(T, k / x, initial={x: 1}, name="hill").modes(),
             "the forces of hill, or their derivatives, have no value at x = 0: choose another point, or coordinates",
