@@ -23,7 +23,7 @@ from lagrange.mechanics.linearization import linearized_at
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simplest, size_of_terms
 from lagrange.mechanics.reduction import rewritten
 from lagrange.mechanics.roots import STARTS, numeric_roots, solved
-from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
+from lagrange.mechanics.stability import AT_POLE, NO_INERTIA, Verdict, criterion, ignorable, is_false_pole, stability_of
 from lagrange.statement.coordinate import coordinate_of, rotation_name, t, velocity_of
 from lagrange.statement.display import ShownAsPage
 from lagrange.statement.expression import check_once, expression
@@ -94,9 +94,15 @@ def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
     solutions, exact = problem.solutions()
     if len(solutions) > MOST_PLACES:
         raise StatementError(problem.too_many(len(solutions)))
-    if not solutions:
-        raise StatementError(problem.none_found(symbolic=exact))
-    return sorted((problem.record(values, exact=exact) for values in solutions), key=problem.order)
+    records = [problem.record(values, exact=exact) for values in solutions]
+    balanced = [
+        record
+        for record in records
+        if record.reason not in (AT_POLE, NO_INERTIA) or not is_false_pole(stated_point(form.statement, record.at))
+    ]
+    if not balanced:
+        raise StatementError(problem.none_found(symbolic=exact, poles=bool(records)))
+    return sorted(balanced, key=problem.order)
 
 
 class _Problem:
@@ -185,10 +191,18 @@ class _Problem:
         turn = {symbol: symbol + 2 * sympy.pi}
         return all(x.xreplace(turn) == x for x in (self.form.lagrangian, *self.form.forces, *self.zeros))
 
-    def none_found(self, *, symbolic: bool) -> str:
-        """Return the error message for no equilibrium. It says whether the search was `symbolic` or numerical."""
+    def none_found(self, *, symbolic: bool, poles: bool = False) -> str:
+        """Return the error message for no equilibrium. It says whether the search was `symbolic` or numerical.
+
+        `poles` is true if forces vanish, but only at poles of the coordinates that are not in balance.
+        """
         statement = self.statement
         named = listing(dict.fromkeys(rotation_name(statement.coordinates[i]) or statement.names[i] for i in self.rows))
+        if poles:
+            return (
+                f"{statement.name} has no equilibrium: the forces on {named} at rest vanish only where the mass matrix "
+                "is singular, and there without balance."
+            )
         if symbolic:
             contacts = listing(repr(each.name) for each in statement.contacts)
             remedy = f" Contact forces are left out: state the closed ones of {contacts} as constraints."

@@ -16,7 +16,7 @@ from lagrange.equations.terms import differentiable
 from lagrange.errors import RunError, StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.expansion import StatedPoint, stated_point
+from lagrange.mechanics.expansion import StatedPoint, edges, stated_point
 from lagrange.mechanics.linearization import Linearization, linearized_at
 from lagrange.mechanics.plain_form import (
     PlainForm,
@@ -46,6 +46,8 @@ Those of 3 coordinates with 112 operations take 0.3 s, those of 2 coordinates wi
 
 LARGEST_DEGREE = 100  # Largest denominator of the degree of a term of the dissipation, such as 3/2
 SAMPLES = 4  # Number of random values of the symbols at which a mass matrix with long formulas is evaluated
+POLE_DISTANCES = (1e-3, 1e-4, 1e-5)  # Changes of coordinates from a pole to the points at which a force is evaluated
+SAME_SQUARE = 0.9  # Squares of a force that tend to one number near a point differ by less than this factor
 DEFINITE = 1e-9  # Eigenvalues of a symmetric matrix below this fraction of its largest entry count as zero
 
 
@@ -57,6 +59,7 @@ class Verdict:
     reason: str
 
 
+AT_POLE = "the mass matrix is singular there: choose coordinates that are regular there."
 NO_INERTIA = "the mass matrix is singular at these values of the parameters: give other values."
 NO_POINT = "the point does not exist at the values of the parameters."
 
@@ -102,7 +105,7 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
             None, "eigenvalues on the imaginary axis do not decide on stability."
         )
     if not has_inertia(lin):
-        return Verdict(None, "the mass matrix is singular there: choose coordinates that are regular there.")
+        return Verdict(None, AT_POLE)
     constraints = form.statement.constraints
     carried = any(not constraint.holonomic for constraint in constraints) or (bool(constraints) and any(point.v))
     if values is None and carried:  # K is not the curvature of an energy
@@ -141,6 +144,36 @@ def has_inertia(lin: Linearization) -> bool:
 def has_long_formulas(lin: Linearization) -> bool:
     """Return True if determinants and roots of M, C and K in symbols would take too long."""
     return sum(size(x) for matrix in (lin.M, lin.C, lin.K) for x in matrix) > MOST_OPERATIONS
+
+
+def is_false_pole(point: StatedPoint) -> bool:
+    """Return True for a pole of the coordinates, such as theta = 0 on a sphere, that is not in balance.
+
+    The mass matrix M is singular there, and the forces F on the coordinates may vanish without balance. Next to the
+    point the square of a force per mass, F M^-1 F, tends to zero if the point is in balance. The result is True only if
+    it tends to one positive number from several directions, at the values of the parameters or at arbitrary ones.
+    """
+    form = point.form
+    if form.statement.constraints or any(edges(residual) for residual in form.residuals):
+        return False
+    known = {p: sympy.Rational(15 + 4 * k, 11) for k, p in enumerate(form.statement.parameters)} | point.numbers
+    still = {**dict.fromkeys(form.a, sympy.S.Zero), **dict(zip(form.v, point.v, strict=True))}
+    forces = sympy.Matrix([residual.xreplace(still) for residual in form.residuals])
+    masses = sympy.Matrix([[p.diff(v).xreplace(still) for v in form.v] for p in form.momenta])
+    place = numeric(sympy.Matrix(point.q), known).ravel()
+    n, squares = len(place), []
+    for distance in POLE_DISTANCES:
+        for k in range(3):
+            near = place + distance * np.cos(1 + 2 * k + (3 + k) * np.arange(n))
+            values = known | dict(zip(form.q, near.tolist(), strict=True))
+            force, mass = numeric(forces, values).ravel(), numeric(masses, values)
+            if not all(np.isrealobj(x) and np.isfinite(x).all() for x in (near, force, mass)):
+                return False
+            try:
+                squares.append(float(np.sum(np.linalg.solve(np.linalg.cholesky(mass), force) ** 2)))
+            except np.linalg.LinAlgError:  # M is singular not only at the point
+                return False
+    return min(squares) > SAME_SQUARE * max(squares)
 
 
 def criterion(lin: Linearization, fixed: tuple[int, ...], *, axial: bool = False) -> tuple[Any, ...]:

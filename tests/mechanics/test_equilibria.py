@@ -393,3 +393,36 @@ def test_long_formulas_leave_stability_to_numbers() -> None:
     assert saddle.reason == f"an eigenvalue has the positive real part {largest:.6g}."
     _, undecided = lg.System(kinetic, potential, constraints=[z - a * x * y - x**3]).equilibria()
     assert undecided.reason.startswith("the matrices of its linear equations have more than 150 operations, too many")
+
+
+BOB = m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2
+WEIGHT, SIDEWAYS = -m * g * l * cos(theta), l * sin(theta) * cos(phi)
+POLES = [
+    (BOB, WEIGHT, 2),
+    (BOB, WEIGHT + k * SIDEWAYS**2, 10),  # the same place with several values of the other angle
+    (BOB, WEIGHT + 2 * m * SIDEWAYS, 0),
+    (m * (r.dot**2 + r**2 * phi.dot**2) / 2, k * r**2 / 2, 1),
+    (m * (r.dot**2 + r**2 * phi.dot**2) / 2, k * r**2 / 2 + m * g * r * sin(phi), 0),
+]
+"""Energies of a bob on a sphere and in a plane, and how many poles of the coordinates are listed: those in balance."""
+
+
+@pytest.mark.parametrize("values", [{"m": 1, "g": 9.81, "l": 0.5, "k": 3}, {}])
+@pytest.mark.parametrize(("kinetic", "potential", "poles"), POLES)
+def test_poles_of_coordinates_are_listed_if_they_are_in_balance(
+    kinetic: Any, potential: Any, poles: int, values: dict[str, float]
+) -> None:
+    radius = theta if kinetic.has(theta) else r
+    names = {symbol.name for symbol in (kinetic + potential).free_symbols}
+    known = {name: value for name, value in values.items() if name in names}
+    system = lg.System(kinetic, potential, coordinates=[radius, phi], parameters=known)
+    places = [item.coordinates[radius] for item in system.equilibria()]
+    assert len([place for place in places if place in (0, pi)]) == poles
+
+
+def test_a_force_that_vanishes_only_at_a_pole_leaves_no_equilibrium() -> None:
+    system = lg.System(m * (r.dot**2 + r**2 * phi.dot**2) / 2, m * g * r * sin(phi), name="falling")
+    assert refusal(system.equilibria) == (
+        "falling has no equilibrium: the forces on phi and r at rest vanish only where the mass matrix is singular, "
+        "and there without balance."
+    )
