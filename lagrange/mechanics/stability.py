@@ -271,10 +271,17 @@ def at_fixed_momenta(
 
 
 def has_energy(form: PlainForm) -> bool:
-    """Return True if the energy cannot grow: L does not depend on time, and the only other force is dissipation."""
-    statement = form.statement
-    free = vanishes(form, form.lagrangian.diff(t))
-    return free and only_brakes(form) and all(vanishes(form, form.read(force)) for force in statement.forces)
+    """Return True if the energy cannot grow: L does not depend on time, and forces and dissipation only take energy.
+
+    Forces only take energy if no term of their power Q . v is positive.
+    """
+    if not vanishes(form, form.lagrangian.diff(t)) or not only_brakes(form):
+        return False
+    forces = [force.xreplace(form.plain) for force in form.statement.forces]
+    power = sympy.expand(sympy.Add(*(force * v for force, v in zip(forces, form.v, strict=True))))
+    return all(term.is_nonpositive for term in sympy.Add.make_args(power)) or all(
+        vanishes(form, form.read(force)) for force in forces
+    )
 
 
 def only_brakes(form: PlainForm) -> bool:

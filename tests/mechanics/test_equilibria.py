@@ -357,6 +357,31 @@ def test_a_dissipation_brakes_if_its_terms_are_powers_of_the_velocities(dissipat
     assert only_brakes(PlainForm(system.statement)) is brakes
 
 
+FORCES = [
+    ({x: -(x.dot**3)}, True),
+    ({x: -sympy.Abs(x.dot) * x.dot, y: -c * (1 + x**2) * y.dot**5}, True),
+    ({x: -c * sqrt(x.dot**2 + y.dot**2) * x.dot, y: -c * sqrt(x.dot**2 + y.dot**2) * y.dot}, True),
+    ({x: c * x.dot * y.dot**2, y: -c * x.dot**2 * y.dot}, True),  # without power
+    ({x: x.dot**3}, None),
+    ({x: -(x.dot**2)}, None),
+    ({x: -x * x.dot**3}, None),
+    ({x: -(y.dot**3)}, None),
+    ({x: x.dot**3 - 2 * x.dot**3 / (1 + x.dot**2)}, None),  # brakes at low speeds alone: more than is proved
+]
+"""Forces on a particle in a bowl, and whether their power is certainly never positive."""
+
+
+@pytest.mark.parametrize(("forces", "stable"), FORCES)
+def test_forces_that_only_brake_leave_a_minimum_of_the_energy_stable(forces: Any, stable: bool | None) -> None:
+    kinetic, potential = m * (x.dot**2 + y.dot**2) / 2, k * (2 - cos(x) - cos(y))
+    for values in ({"m": 1, "k": 2, "c": 0.1}, {}):
+        known = {name: value for name, value in values.items() if name != "c" or str(forces).count("c*")}
+        system = lg.System(kinetic, potential, forces=forces, parameters=known)
+        bowl = next(item for item in system.equilibria() if {*item.coordinates.values()} == {0})
+        assert bowl.stable is stable
+        assert (bowl.reason == "the energy has a strict minimum there.") is (stable is True)
+
+
 def lorenz(r: float) -> lg.System:
     x, y, z = lg.coordinates("x y z")
     rates = {x: 10 * (y - x), y: x * (r - z) - y, z: x * y - sympy.Rational(8, 3) * z}
