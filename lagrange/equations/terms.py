@@ -125,6 +125,17 @@ def printable(expression: Any) -> Any:
     return _exchange(expression, {Magnitude: sympy.Abs, Direction: sympy.sign, Step: sympy.Heaviside})
 
 
+def with_known_signs(expression: Any) -> Any:
+    """Return the expression with |x|, sign and Heaviside evaluated where the sign of x is known: sign(0) is 0."""
+
+    def is_known(node: Any) -> bool:
+        return node.func in (Magnitude, Direction, Step) and not printable(node).has(
+            sympy.Abs, sympy.sign, sympy.Heaviside
+        )
+
+    return expression.replace(is_known, printable)
+
+
 def _exchange(expression: Any, table: Mapping[Any, Any]) -> Any:
     if not expression.has(*table):
         return expression

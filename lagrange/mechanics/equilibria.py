@@ -10,15 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import sympy
 
+from lagrange.equations.terms import printable, with_known_signs
 from lagrange.errors import FAULT, RunError, StatementError, formula, listing
-from lagrange.mechanics.expansion import StatedPoint, stated_point, with_lengths
+from lagrange.mechanics.expansion import StatedPoint, edges, on_side, stated_point, with_lengths
 from lagrange.mechanics.linearization import linearized_at
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simplest, size_of_terms
 from lagrange.mechanics.reduction import rewritten
@@ -122,7 +123,7 @@ class _Problem:
                 "continuous region and cannot be listed: linearize(at=...).equilibrium says whether a point is one."
             )
         at_rest = {**dict.fromkeys((*form.a, *form.v), sympy.S.Zero), **self.speeds}
-        forces = [simplest(r.subs(at_rest, simultaneous=True)) for r in form.residuals]
+        forces = [simplest(with_known_signs(r.subs(at_rest, simultaneous=True))) for r in form.residuals]
         self.zeros = [form.read(constraint.expression) for constraint in statement.constraints]
         if any(x.has(t) for x in (*forces, *self.zeros)):
             raise StatementError(
@@ -139,6 +140,27 @@ class _Problem:
             for i in fixed
         ]
         self.equations = [in_fractions(equation) for equation in (*pushed, *self.zeros)]
+
+    @cached_property
+    def friction(self) -> str:
+        """A sentence on the forces that jump at rest, as dry friction does; empty without such forces."""
+        form = self.form
+        at_rest = {**dict.fromkeys((*form.a, *form.v), sympy.S.Zero), **self.speeds}
+        jumps = {
+            edge: None
+            for residual in form.residuals
+            for edge in edges(residual)
+            if edge.has(*form.v)
+            and simplest(edge.xreplace(at_rest)) == 0
+            and simplest((on_side(residual, edge, 1) - on_side(residual, edge, -1)).xreplace(at_rest)) != 0
+        }
+        if not jumps:
+            return ""
+        zeros = listing(formula(printable(edge), 60) for edge in jumps)
+        return (
+            f"the forces jump where {zeros} {'is' if len(jumps) == 1 else 'are'} zero, as dry friction does: they may "
+            "keep the system at rest at further places, which are not listed."
+        )
 
     def steady(self, rates: Any) -> dict[Any, Any]:
         """Return the user's steady velocities by symbol. Raises StatementError for invalid `rates`."""
@@ -203,18 +225,20 @@ class _Problem:
                 f"{statement.name} has no equilibrium: the forces on {named} at rest vanish only where the mass matrix "
                 "is singular, and there without balance."
             )
+        friction = f" But {self.friction}" if self.friction else ""
         if symbolic:
             contacts = listing(repr(each.name) for each in statement.contacts)
             remedy = f" Contact forces are left out: state the closed ones of {contacts} as constraints."
             return (
                 f"{statement.name} has no equilibrium: the forces on {named} at rest, solved in symbols, vanish "
                 "nowhere for general values of the parameters."
+                + friction
                 + (remedy if contacts != "none" else self.steady_motion())
             )
         return (
             f"no equilibrium of {statement.name} was found: the forces on {named} are not solved in symbols, and "
             f"Newton's method from {STARTS} starts, the initial state among them, found none at the values of the "
-            "parameters. Give an initial state near one, or other values."
+            f"parameters. Give an initial state near one, or other values.{friction}"
         )
 
     def steady_motion(self) -> str:
@@ -271,7 +295,8 @@ class _Problem:
                 decided = stability_of(lin, point, axial=axial)
                 minors = criterion(lin, self.free if not statement.constraints else (), axial=axial)
             except StatementError as refusal:
-                decided = Verdict(stable=None, reason=str(refusal))
+                unexamined = f"{self.friction} Their effect on stability is not examined."
+                decided = Verdict(stable=None, reason=unexamined if self.friction else str(refusal))
         work = sympy.Add(*(p * v for p, v in zip(form.momenta, form.v, strict=True)))
         return Equilibrium(
             coordinates=MappingProxyType({key: form.written(x) for key, x in coordinates.items()}),

@@ -36,7 +36,8 @@ def edges(expr: Any) -> Sequence[Any]:
 
 def on_side(expr: Any, edge: Any, sign: int) -> Any:
     """Return the formula of an expression on one side of a corner: the side on which `edge` has the sign 1 or -1."""
-    table = {Magnitude(edge): sign * edge, Direction(edge): sympy.Integer(sign), Step(edge): sympy.Integer(sign > 0)}
+    values = {Magnitude: sign * edge, Direction: sympy.Integer(sign), Step: sympy.Integer(sign > 0)}
+    table = {node: values[node.func] for node in expr.atoms(*values) if node.args[0] == edge}
     true = (">", ">=", "!=") if sign > 0 else ("<", "<=", "!=")
     for comparison in sorted(expr.atoms(_COMPARED), key=str):
         if comparison.lhs - comparison.rhs == edge:

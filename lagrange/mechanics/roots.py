@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.equations.terms import printable
+from lagrange.equations.terms import printable, with_known_signs
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.evaluate import doubles
 from lagrange.graph.node import Binding, Graph
@@ -63,7 +63,7 @@ def _is_complex(value: Any) -> bool:
     """Return True if a value is infinite, or is not real whatever the values of the parameters are."""
     if value.is_extended_real is False or value.has(sympy.zoo, sympy.nan, sympy.oo):
         return True
-    return bool(value.is_number) and abs(complex(value.evalf(20)).imag) > 1e-12
+    return bool(value.is_number) and abs(complex(printable(value).evalf(20)).imag) > 1e-12
 
 
 def _follow(
@@ -96,8 +96,8 @@ def _follow(
             if branches_left[0] < 0:
                 raise GivenUpError
             put = {unknown: value}
-            earlier = {x: simplest(known.xreplace(put)) for x, known in known_values.items()}
-            others = [e.xreplace(put) for e in remaining if e is not equation]
+            earlier = {x: simplest(with_known_signs(known.xreplace(put))) for x, known in known_values.items()}
+            others = [with_known_signs(e.xreplace(put)) for e in remaining if e is not equation]
             rest = tuple(x for x in unknowns if x != unknown)
             solutions += _follow(others, rest, {**earlier, **put}, branches_left)
         return solutions

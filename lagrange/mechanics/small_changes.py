@@ -24,6 +24,7 @@ import numpy as np
 import sympy
 
 from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.equations.terms import printable
 from lagrange.errors import StatementError, formula, listing
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node, substitute
@@ -74,7 +75,8 @@ class AtPoint:
         self.a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(self.n)]
         e = self.equations
         names = dict(zip((*self.form.q, *self.form.v), (*e.q, *e.v), strict=True))
-        self.here = {names[x] if x in names else e.translate(x): e.translate(value) for x, value in point.table.items()}
+        table = {x: printable(value) for x, value in point.table.items()}
+        self.here = {names[x] if x in names else e.translate(x): e.translate(value) for x, value in table.items()}
         vanishes = (lambda _: False) if point.decimal else (lambda expression: point.is_zero(expression, ()))
         self.shortener = Shortener(f"the linear equations of {self.statement.name} about this point", vanishes)
 

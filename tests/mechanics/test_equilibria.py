@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from sympy import acos, cos, cosh, exp, pi, sin, sqrt
+from sympy import Heaviside, Rational, acos, cos, cosh, exp, pi, sign, sin, sqrt
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
@@ -20,6 +20,7 @@ from tests.models import shared_scene
 from tests.refusals import refusal
 
 m, g, l, k, c, w, R, a = lg.parameters("m g l k c w R a")
+u = lg.parameters("u", positive=False)
 x, y, z, theta, phi, r = lg.coordinates("x y z theta phi r")
 
 
@@ -315,6 +316,42 @@ def test_cubics_are_solved_by_number() -> None:
     assert all(abs(item.coordinates[x] ** 3 - item.coordinates[x] + 0.1) < 1e-12 for item in result)
     pair = lg.System(x.dot**2 / 2, k * (x**-12 - 2 * x**-6)).equilibria()
     assert {item.coordinates[x] for item in pair} == {1, -1}
+
+
+FRICTION = "the forces jump where {} zero, as dry friction does: they may keep the system at rest at further places,"
+
+
+@pytest.mark.few(3)
+@pytest.mark.parametrize(
+    ("potential", "forces", "place", "reason"),
+    [
+        (x**2 / 2, {x: -sign(x.dot)}, {x: 0}, FRICTION.format("x_dot is")),
+        (k * (x - a) ** 2 / 2, {x: -c * sign(x.dot)}, {x: a}, FRICTION.format("x_dot is")),
+        (x**2 / 2, {x: -Heaviside(x.dot)}, {x: -Rational(1, 2)}, FRICTION.format("x_dot is")),
+        (x**2 / 2, {x: -sqrt(abs(x.dot)) * sign(x.dot)}, {x: 0}, "the forces on x have a corner or a jump at x = 0"),
+        (
+            x**2 / 2 + y**2,
+            {x: -sign(x.dot - y.dot), y: sign(x.dot - y.dot)},
+            {x: 0, y: 0},
+            FRICTION.format("x_dot - y_dot is"),
+        ),
+        (x**2 / 2, {x: -c * sign(x.dot - w)}, {x: c}, "eigenvalues on the imaginary axis do not decide"),  # a belt
+        (x**2 / 2, {x: c * sign(u - x.dot)}, {x: c * sign(u)}, "eigenvalues on the imaginary axis do not decide"),
+        (x**2 / 2, {x: y - sign(x.dot), y: -sign(y.dot) - y}, {x: 0, y: 0}, FRICTION.format("x_dot and y_dot are")),
+    ],
+)
+def test_dry_friction_counts_as_zero_at_rest(
+    potential: Any, forces: dict[Any, Any], place: dict[Any, Any], reason: str
+) -> None:
+    (at_rest,) = lg.System(sum(q.dot**2 / 2 for q in place), potential, forces=forces).equilibria()
+    assert (at_rest.coordinates, at_rest.stable) == (place, None)
+    assert at_rest.reason.startswith(reason)
+
+
+def test_friction_may_hold_a_block_where_the_forces_do_not_vanish() -> None:
+    slope = lg.System(m * x.dot**2 / 2, m * g * x / 2, forces={x: -c * sign(x.dot)})
+    with pytest.raises(StatementError, match=r"has no equilibrium: .* But the forces jump where x_dot is zero, as dry"):
+        slope.equilibria()
 
 
 def test_corners_and_poles_leave_the_verdict_open() -> None:
