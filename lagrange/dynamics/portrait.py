@@ -393,9 +393,10 @@ def default_plane(runs: Runs, base: FloatArray) -> Plane:
     low, high = (-math.pi, math.pi) if turns else _extent(runs, base, scale)
     speeds = [0.0]
     for x in np.linspace(low, high, 13)[1:-1]:
-        run = runs(np.array([x, 0.0]), 0.0, 2 * scale)
-        inside = np.full(run.y.shape[1], turns) | ((run.y[0] >= low) & (run.y[0] <= high))
-        speeds.append(float(np.abs(run.y[1, inside]).max(initial=0.0)))
+        # A step may be as long as half an oscillation and end at rest.
+        _, states = sampled(runs(np.array([x, 0.0]), 0.0, 2 * scale))
+        inside = turns | ((states[:, 0] >= low) & (states[:, 0] <= high))
+        speeds.append(float(np.abs(states[inside, 1]).max(initial=0.0)))
     finite = [x for x in speeds if math.isfinite(x)]
     top = 1.4 * max(finite) or (high - low) / scale
     return Axis(name, 0, low, high, FIELD), Axis(f"{name}_dot", 1, -top, top, FIELD)
