@@ -84,7 +84,7 @@ def equilibrium_branches(
                 refusal = str(error)
                 continue
             for equilibrium in anchor_equilibria:
-                _add(branches, equilibrium, anchored, (parameter, values, anchor), turns)
+                refusal = _add(branches, equilibrium, anchored, (parameter, values, anchor), turns) or refusal
             if progress is not None:
                 progress(float(count + 1))
             if all(equilibrium.exact for equilibrium in anchor_equilibria):
@@ -111,12 +111,15 @@ def _add(
     model: Model,
     along: tuple[str, FloatArray, int],
     turns: tuple[bool, ...],
-) -> None:
+) -> str:
     """Follow an equilibrium along a parameter, and append its branch unless it is already there.
+
+    Returns the reason if there are no eigenvalues, as at a jump of a force, else "".
 
     `along` has the name of the parameter, its values, and the index of the value at which the equilibrium was found. It
     is followed from there in both directions. `turns` has True for each coordinate that is an angle.
     """
+    refusal = ""
     statement, (parameter, values, anchor) = model.statement, along
     n = len(statement.coordinates)
     if equilibrium.exact:
@@ -132,10 +135,11 @@ def _add(
         except StatementError as error:
             if statement.constraints:
                 raise StatementError(str(error)) from error
+            refusal = str(error)
             continue
         coordinates[way], eigenvalues[way] = path.equilibria, path.eigenvalues
     if not np.isfinite(coordinates).any():
-        return
+        return refusal
     for other in branches:
         if len(other.values) != len(values) or (other.values != values).any():
             continue
@@ -143,10 +147,11 @@ def _add(
         distance = np.abs(difference(other.coordinates[both], coordinates[both], turns))
         alone = np.isfinite(coordinates).all(axis=1) & ~np.isfinite(other.coordinates).all(axis=1)
         if both.any() and not alone.any() and (distance <= SAME_EQUILIBRIUM * (1 + np.abs(coordinates[both]))).all():
-            return
+            return ""
     branches.append(
         EquilibriumBranch(values, coordinates, eigenvalues, dict(equilibrium.coordinates) if equilibrium.exact else {})
     )
+    return ""
 
 
 def _with_ends(equilibrium: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:

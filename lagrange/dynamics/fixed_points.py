@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.errors import RunError
+from lagrange.errors import RunError, StatementError
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
+from lagrange.mechanics.expansion import stated_point
 
 AXIS_POINTS = 4001
 """Number of points on the axis at which the acceleration at rest is evaluated. Two zeros between two points may be
@@ -41,9 +42,9 @@ class FixedPoint:
     """An equilibrium: the state (2n,), its kind, and eigenvalues (2,) with their vectors, the columns of (2, 2).
 
     Kinds are "saddle", "centre", "stable spiral", "unstable spiral", "stable node", "unstable node", "linear centre"
-    and "degenerate". A degenerate equilibrium has an eigenvalue zero, and the linear equations do not decide its
-    stability. A "linear centre" has imaginary eigenvalues in a system that does not conserve its energy: terms of
-    higher order decide.
+    and "degenerate". A degenerate equilibrium has an eigenvalue zero, or the forces have a corner or a jump there:
+    linear equations do not decide its stability. A "linear centre" has imaginary eigenvalues in a system that does not
+    conserve its energy: terms of higher order decide.
     """
 
     state: FloatArray
@@ -78,14 +79,29 @@ def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) 
 
 
 def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: float = 0.0) -> FixedPoint:
-    """Return the equilibrium at `state` (2n,); it is degenerate if the acceleration's slope is at most `flat`."""
+    """Return the equilibrium at `state` (2n,).
+
+    It is degenerate if the slope of the acceleration is at most `flat`, or if the forces are not linear near it.
+    """
     jacobian = model.jacobian(0.0, state, parameters)
-    if not np.isfinite(jacobian).all():
+    if not np.isfinite(jacobian).all() or not _is_linear(model, parameters, state):
         nothing = np.full(2, np.nan)
         return FixedPoint(state, DEGENERATE, nothing, np.full((2, 2), np.nan))
     values, vectors = np.linalg.eig(jacobian)
     kind = DEGENERATE if abs(jacobian[1, 0]) <= flat else kind_of(values, conservative=model.conservative)
     return FixedPoint(state, kind, values, vectors)
+
+
+def _is_linear(model: Model, parameters: FloatArray, state: FloatArray) -> bool:
+    """Return False if the forces have a corner or a jump at a state (2n,), such as dry friction at rest."""
+    known = dict(zip(model.statement.parameters, parameters.tolist(), strict=True))
+    statement = model.with_defaults(known).statement
+    at = dict(zip((*statement.coordinates, *statement.velocities), state.tolist(), strict=True))
+    try:
+        stated_point(statement, at).check_corners()
+    except StatementError:
+        return False
+    return True
 
 
 def kind_of(values: FloatArray, *, conservative: bool) -> str:

@@ -109,6 +109,11 @@ class StatedPoint:
             self._smooth(r, name) for r, name in zip(self.form.residuals, self.form.statement.names, strict=True)
         )
 
+    def check_corners(self) -> None:
+        """Raise StatementError if forces have a corner or a jump at the point, so that they are not linear near it."""
+        if any(edges(x) for x in (self.form.lagrangian, *self.form.forces)):
+            _ = self.residuals  # these raise the error
+
     def _smooth(self, residual: Any, name: str) -> Any:
         """Return a residual in a form without corners at the point; `name` is the coordinate of its equation."""
         symbols = (*self.form.q, *self.form.v, *self.form.a, *self.inputs)

@@ -395,7 +395,8 @@ class EigenvaluePath:
 def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, model: Model) -> EigenvaluePath:
     """Return the eigenvalues at each of the values of a parameter, about the equilibrium near `at`.
 
-    `at` is a mapping as for `linearize`. Raises StatementError if no equilibrium is found at any value.
+    `at` is a mapping as for `linearize`. Raises StatementError if no equilibrium is found at any value, or if
+    the forces have a corner or a jump there.
     """
     by_name = {p.name: p for p in statement.parameters}
     label = parameter_name(parameter, by_name)
@@ -405,6 +406,7 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
             f"values has shape {chosen.shape}: give a list of values of {label}, at least 1 and at most {MOST_VALUES}."
         )
     point = stated_point(statement, at)
+    point.check_corners()
     n = len(statement.coordinates)
     lin = _on_constraints(point) if statement.constraints else None
     rows = np.full((len(chosen), 2 * n if lin is None else lin.K.cols + lin.K.rows), complex("nan"), dtype=complex)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy
 from sympy import cos, sin, sinh
 
 import lagrange as lg
@@ -246,3 +247,14 @@ def test_shapes_want_values_of_the_parameters() -> None:
     open_ended = lg.System(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={m: 1.0})
     with pytest.raises(StatementError, match="shapes are drawn at values of the parameters, and k has none"):
         open_ended.modes().plot()
+
+
+def test_an_equilibrium_at_a_jump_of_a_force_is_no_branch() -> None:
+    k = lg.parameters("k")
+    sliding = lg.System(x.dot**2 / 2, k * x**2 / 2 - cos(x), forces={x: -sympy.sign(x.dot)}, parameters={k: 1})
+    with pytest.raises(StatementError, match=r"the forces on x have a corner or a jump at x = 0.*, where x_dot is zer"):
+        lg.bifurcation(sliding, k, [0.5, 1.0, 2.0])
+    with pytest.raises(StatementError, match=r"the forces on x have a corner or a jump at x = 0, where x_dot is zero"):
+        sliding.eigenvalues(k, [1.0, 2.0], {x: 0})
+    smooth = lg.System(x.dot**2 / 2, k * x**2 / 2 - cos(x), forces={x: -abs(x.dot) * x.dot}, parameters={k: 1})
+    assert smooth.eigenvalues(k, [1.0, 2.0], {x: 0}).stable.all()

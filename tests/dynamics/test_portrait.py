@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import ellipk
-from sympy import Eq, cos, pi
+from sympy import Eq, cos, pi, sign
 
 import lagrange as lg
 from lagrange.dynamics import portrait, section
@@ -128,6 +128,15 @@ def test_the_field_and_the_window_are_those_of_the_system() -> None:
     assert np.array_equal(result.u, np.broadcast_to(result.y[:, None], result.u.shape))
     assert result.v == pytest.approx(np.broadcast_to(result.x - result.x**3, result.v.shape), abs=1e-12)
     assert any(orbit.closed for orbit in result.orbits)
+
+
+def test_dry_friction_has_a_window_of_its_speeds_and_no_linear_kind() -> None:
+    """Steps of an oscillator with dry friction end at its turning points, where it is at rest."""
+    result = lg.phase_portrait(lg.System(x.dot**2 / 2, x**2 / 2, forces={x: -sign(x.dot) / 10}, initial={x: 1}))
+    assert 1.2 < result.plane[1].high < 1.8
+    assert [(place.kind, place.stable) for place in result.equilibria] == [("degenerate", None)]
+    moving = [orbit for orbit in result.orbits if orbit.t[-1] > 0]
+    assert len(moving) == len(result.orbits) > 3
 
 
 def test_a_slice_of_two_coordinates_holds_the_others_and_says_so() -> None:
