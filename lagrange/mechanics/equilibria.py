@@ -96,10 +96,12 @@ def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
     if len(solutions) > MOST_PLACES:
         raise StatementError(problem.too_many(len(solutions)))
     records = [problem.record(values, exact=exact) for values in solutions]
+    # Dry friction is the reason of its records, whether or not they are at a pole.
     balanced = [
         record
         for record in records
-        if record.reason not in (AT_POLE, NO_INERTIA) or not is_false_pole(stated_point(form.statement, record.at))
+        if not (record.reason in (AT_POLE, NO_INERTIA) or problem.friction)
+        or not is_false_pole(stated_point(form.statement, record.at))
     ]
     if not balanced:
         raise StatementError(problem.none_found(symbolic=exact, poles=bool(records)))

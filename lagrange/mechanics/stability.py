@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.equations.terms import differentiable
+from lagrange.equations.terms import differentiable, with_known_signs
 from lagrange.errors import RunError, StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
@@ -154,11 +154,11 @@ def is_false_pole(point: StatedPoint) -> bool:
     it tends to one positive number from several directions, at the values of the parameters or at arbitrary ones.
     """
     form = point.form
-    if form.statement.constraints or any(edges(residual) for residual in form.residuals):
+    still = {**dict.fromkeys(form.a, sympy.S.Zero), **dict(zip(form.v, point.v, strict=True))}
+    forces = sympy.Matrix([with_known_signs(residual.xreplace(still)) for residual in form.residuals])
+    if form.statement.constraints or any(map(edges, forces)):
         return False
     known = {p: sympy.Rational(15 + 4 * k, 11) for k, p in enumerate(form.statement.parameters)} | point.numbers
-    still = {**dict.fromkeys(form.a, sympy.S.Zero), **dict(zip(form.v, point.v, strict=True))}
-    forces = sympy.Matrix([residual.xreplace(still) for residual in form.residuals])
     masses = sympy.Matrix([[p.diff(v).xreplace(still) for v in form.v] for p in form.momenta])
     place = numeric(sympy.Matrix(point.q), known).ravel()
     n, squares = len(place), []

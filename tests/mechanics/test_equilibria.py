@@ -482,8 +482,10 @@ def test_poles_of_coordinates_are_listed_if_they_are_in_balance(
     assert len([place for place in places if place in (0, pi)]) == poles
 
 
-def test_a_force_that_vanishes_only_at_a_pole_leaves_no_equilibrium() -> None:
-    system = lg.System(m * (r.dot**2 + r**2 * phi.dot**2) / 2, m * g * r * sin(phi), name="falling")
+@pytest.mark.parametrize("forces", [{}, {r: -sign(r.dot)}])
+def test_a_force_that_vanishes_only_at_a_pole_leaves_no_equilibrium(forces: dict[Any, Any]) -> None:
+    kinetic, potential = m * (r.dot**2 + r**2 * phi.dot**2) / 2, m * g * r * sin(phi)
+    system = lg.System(kinetic, potential, coordinates=[phi, r], forces=forces, name="falling")
     assert refusal(system.equilibria) == (
         "falling has no equilibrium: the forces on phi and r at rest vanish only where the mass matrix is singular, "
         "and there without balance."
