@@ -305,7 +305,7 @@ def _neat(expression: Any) -> Any:
     """Return the shortest of a few equivalent forms of an expression with roots."""
     candidates = [expression, simplest(expression), sympy.factor_terms(expression)]
     if _brief(expression):
-        candidates += [sympy.factor(expression), sympy.radsimp(expression)]
+        candidates += [sympy.factor(expression), rational_below(expression)]
     return min(candidates, key=size)
 
 
@@ -330,8 +330,7 @@ def _shape(matrix: Any, skipped: int) -> Any:
 
     def shortest(entry: Any) -> Any:
         """Return an entry of the shape, simplified and without roots in the denominator."""
-        forms = [sympy.radsimp(entry)] if _brief(entry) else []
-        return min(map(_neat, (*forms, rational_below(sympy.together(entry)))), key=size)
+        return min(map(_neat, (entry, rational_below(sympy.together(entry)))), key=size)
 
     return (column / next(x for x in column if x != 0)).applyfunc(shortest)
 
