@@ -95,7 +95,7 @@ def test_a_horizontal_top_precesses_at_m_g_a_over_its_momentum(missing: float, c
 
 S, y = lg.rotation("S"), lg.coordinate("y")
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
-    "two rates": (lambda: body((1, 2, 3)).equilibria({R.space: (0, 1, 2)}), "no steady motion: give {R.space"),
+    "two rates": (lambda: body((1, 2, 3)).equilibria({R.space: (0, 1, 2)}), "no steady motion of R: give {R.space"),
     "a spin under a drag": (
         lambda: body((1, 1, 2), dissipation=R.body.dot(R.body), forces={R.body: (0, 0, 1)}).equilibria(),
         "the forces on R are not solved",
