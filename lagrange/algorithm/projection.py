@@ -27,7 +27,8 @@ def compensated(y: Any, move: Any) -> tuple[Any, Any]:
 
 CORRECTIONS = Callee((REAL, Array(read=True), Array(read=True), Array()), (FLAG,))
 """Type of the program of the corrections: from a time, a state [q, v] and prepared parameters to [dq, dv], the relative
-violation, and the violation that would remain. The flag is true for a singular matrix.
+violation, and the violation that would remain. With relations among velocities a third number follows: the violation of
+the other constraints. The flag is true for a singular matrix.
 """
 
 KEPT_VIOLATION = 2.0**-51
@@ -98,10 +99,11 @@ def starts_on_constraints(
 ) -> bool:
     """Return True if a state [q, v] at time t violates its constraints by at most `MOST_AT_START`.
 
-    With `relations` some velocities follow from the constraints: the state is then moved onto the constraints,
-    and only the violation of the other constraints is limited. The callback `corrections` computes the
-    correction of a state and its violation; `numbers` are its parameters, followed by the values that depend on
-    them alone. With a singular matrix the result is True, because the first step reports the matrix.
+    With `relations` some velocities follow from the constraints, and only the violation of the other constraints
+    is limited. The state is then moved onto all constraints; the result is False if that fails. The callback
+    `corrections` computes the correction of a state and its violation; `numbers` are its parameters, followed by
+    the values that depend on them alone. With a singular matrix the result is True, because the first step
+    reports the matrix.
     """
     move = reals(dimension + 3 + MOST_WRITTEN_BEYOND)
     # A matrix that is singular here is singular in the first step, which reports it.

@@ -1,4 +1,4 @@
-"""The command `lagrange grade`: compare students' equations of motion with the equations of a scene."""
+"""The command `lagrange grade`: compare students' equations with those of a scene; its table and exit codes."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Numerical data for pictures of dynamics: portraits, sections, bifurcations, shapes of modes."""
+"""Numerical data for pictures of dynamics: portraits, sections, bifurcations. Public functions: show/dynamics.py."""

@@ -203,7 +203,7 @@ class EnergyLevel:
             with np.errstate(all="ignore"):
                 ahead, behind = (self._energy(states, v + side * step) for side in (1.0, -1.0))
                 moved = v - left * 2 * step / (ahead - behind)
-                # At smaller velocities the energy may have a value again.
+                # Where the energy is not finite, the velocity is halved: it may be finite at a smaller one.
                 v = np.where(np.isfinite(left), np.where(np.isfinite(moved) & (left != 0), moved, v), v / 2)
         left = np.abs(self._energy(states, v) - self.energy)
         wrong = ~(left <= ENERGY_ERROR * (abs(self.energy) + np.abs(self._energy(states, 0.0))))

@@ -165,7 +165,7 @@ def _next(orbit: Crossings, start: FloatArray, passed: Event | float, statement:
     """
     if not orbit.status.complete or not len(orbit.states):
         return 0.0, start
-    # A point at a multiple of the period begins the next period; an event happens at any phase of a driving.
+    # After whole periods of a driving the next orbit may begin at time 0. An event happens at any phase.
     begin = float(orbit.times[-1]) if isinstance(passed, Event) and depends_on_time(statement) else 0.0
     return begin, np.ascontiguousarray(orbit.states[-1])
 

@@ -348,7 +348,8 @@ def _evaluate(
     """Return the entries of the quantity `name`, computed by its compiled function, as an array.
 
     In a batch, the last axis of `q`, `v` and the result is that of the states. `columns` are the indices of the
-    columns of the Jacobian to return, or a direction.
+    columns of the Jacobian to return. With a direction instead, the Jacobian is multiplied by it, and the mass matrix
+    by its velocities.
     """
     if name == "rhs":
         return model.called(model.kernel("rhs"), t, np.concatenate([q, v]), parameters)

@@ -188,7 +188,7 @@ class Model:
         return self.square_roots_in((*self.equations.momenta, *self.equations.forces))
 
     def square_roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
-        """Return the square roots in `nodes`: a mapping from the node of each root to a power of its radicand.
+        """Return the square roots in `nodes`: for the node of each root, a power of its radicand, as a node.
 
         A power with a fractional exponent counts as a square root of its base. A Taylor series is valid up to a zero
         of the radicand, and its coefficients do not show this zero: sqrt(x**2) continues as x. A root in a branch

@@ -546,7 +546,7 @@ def _precessions(
             "precession and spin are one rotation. Give an attitude with a tilt, or the rate of this rotation, as in "
             f"equilibria({{{angles.rotation.name}.space[{upright}]: ...}})."
         )
-    entry = 0.0 if abs(entry) < 1e-15 else entry  # rounding of a horizontal axis would be a factor of rate**2
+    entry = 0.0 if abs(entry) < 1e-15 else entry  # the factor of rate**2: 0 for a horizontal axis, not rounding
     stated_tilt = sympy.acos(entry) if axis == upright else sympy.asin(entry)
     spin_rate = expression(rate, "the rate") - unknown * cosine.subs(tilt, stated_tilt)
     still = dict.fromkeys((*form.a, *form.v, *angles.symbols), sympy.S.Zero)

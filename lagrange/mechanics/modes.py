@@ -283,7 +283,7 @@ def _by_product(total: Any, squared: Any) -> list[_Root]:
 
 
 def _oscillation(root: Any) -> _Root:
-    """Return the undamped mode of a root s^2."""
+    """Return the undamped mode with the given value `root` of s^2."""
     frequency = _root_of(-root)
     return _Root(frequency, sympy.S.Zero, sympy.I * frequency)
 

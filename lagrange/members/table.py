@@ -94,7 +94,9 @@ def grid(axes: Mapping[Any, Any]) -> Varied:
     by_key = {key: axis_values(label_of(key), axis) for key, axis in named}
     members = math.prod(len(values) for values in by_key.values())
     if members > MOST_MEMBERS:
-        raise StatementError(f"the grid has {members:.3g} members: give fewer values; {MOST_MEMBERS:.0e} are possible.")
+        raise StatementError(
+            f"the grid has {members:.3g} members: give fewer values; at most {MOST_MEMBERS:.0e} are possible."
+        )
     return Varied(by_key, crossed=True)
 
 

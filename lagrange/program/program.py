@@ -1,4 +1,4 @@
-"""Straight-line programs: the operations of a computation as a list, in order.
+"""Straight-line programs: the operations of a computation as a list, in order, without those that no result needs.
 
 A program maps time t, named blocks of inputs such as q and v, and the parameters to named blocks of results. Its
 instructions are in static single assignment form. The first `hoisted` instructions depend on parameters alone and run

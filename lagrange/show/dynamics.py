@@ -1,4 +1,4 @@
-"""Phase portraits, Poincare sections and bifurcation diagrams: public functions, and results with pictures."""
+"""Phase portraits, Poincare sections and bifurcations: public functions with their defaults, and their results."""
 
 from __future__ import annotations
 

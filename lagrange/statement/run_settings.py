@@ -1,6 +1,6 @@
-"""Settings of a run that a scene may state, with their defaults, and the time limit of compiling before a run.
+"""Settings of a run that a scene may state, with defaults such as that of rtol, and the time limit of compiling.
 
-All options of a run, such as max_steps, are in `RunOptions`, lagrange/trajectory/integrator.py.
+All options of a run, such as atol and max_steps, are in `RunOptions`, lagrange/trajectory/integrator.py.
 Loops that derive or compile, and may take long, call `check_time`.
 """
 

@@ -136,7 +136,9 @@ def test_errors_follow_the_tolerance(name: str) -> None:
 
 
 def test_the_parts_of_a_splitting_add_up_to_a_step() -> None:
-    with pytest.raises(StatementError, match=r"the kicks of half add up to 0\.5: they must add up to one step"):
+    with pytest.raises(
+        StatementError, match=r"the kicks of half add up to 0\.5: these fractions of the step must add up to 1"
+    ):
         Splitting("half", 1, ((0.5, 1.0),))
     with pytest.raises(StatementError, match=r"the drifts of half add up to 2"):
         Splitting("half", 1, ((1.0, 2.0),))

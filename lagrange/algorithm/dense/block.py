@@ -184,8 +184,8 @@ class PolynomialBlock:
     def with_step(self, step: In, work: Out, out: Out) -> PolynomialBlock:
         """Return a copy of this block with other steps, work memory and output, and without neighbours.
 
-        `step` has the data of the steps, as in `OwnStep`. The copy is for procedures that do not read `beside`;
-        there it is `step` too.
+        `step` has the data of the steps, as in `OwnStep`. The copy is for procedures that do not read the
+        neighbours: its `beside` is `step`, too.
         """
         laws = self.law, self.parameters, self.jacobian, self.constants, self.invert
         numbers = self.table, self.stages, self.degree, self.dimension, self.columns

@@ -215,7 +215,7 @@ def watched_type() -> Bundle:
 
 
 def watched_types() -> dict[str, Stated]:
-    """Return the types of the fields of `Watched`, without the series."""
+    """Return the types of those fields of `Watched` that annotations do not state, without `work` and `order`."""
     blocks = Array(room=WIDEST_VECTOR)
     return {"values": FUNCTION, "resets": FUNCTION, "event_states": blocks, "scratch": blocks}
 

@@ -1,6 +1,6 @@
-"""The single change of one term that makes a wrong equation right, found from its values along the true motion.
+"""The single change of one term, such as its sign or factor, that makes a wrong equation right.
 
-It is a wrong sign, a wrong factor such as 1/2, a missing term, or a term too many.
+The change may also be a missing term, or a term too many. It is found from values along the true motion.
 
 Every sum of the equation is tried: both sides, brackets and denominators. At each sample the residual determines by how
 much the sum has to change. If that change is the same small fraction of one term at all samples, or the fraction times

@@ -162,7 +162,7 @@ class _EquationReader:
         return equations
 
     def _moves(self, equations: Sequence[StudentEquation]) -> bool:
-        """Return True if an equation has an acceleration, also in a definition."""
+        """Return True if an equation, or a definition that it uses, contains an acceleration."""
         accelerations = list(self.plain.values())[2::3]
         return any(equation.zero.xreplace(dict(equation.meanings)).has(*accelerations) for equation in equations)
 

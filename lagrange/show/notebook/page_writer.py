@@ -38,7 +38,8 @@ Part = tuple[str, str]  # Name of a part of a page, and its text
 def joined(parts: Iterable[Part], instead: str, most: int = MOST_CHARACTERS) -> str:
     """Return a page: its parts, as far as they fit within `most` characters.
 
-    `parts` are pairs of name and text. A part that does not fit is replaced by a sentence, which ends with `instead`.
+    `parts` are pairs of name and text. A part that does not fit is replaced by a sentence, which ends with `instead`;
+    the page ends there if little room is left.
     """
     shown: list[str] = []
     room = most

@@ -1,4 +1,4 @@
-"""A TOML file of limited size as data. Errors name file, line and column, from the offsets of keys and values."""
+"""A TOML file of limited size as data; unknown keys are refused. Errors name file, line and column."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run through contacts: segments with a constant mode, joined by impacts and changes of the mode.
+"""Run through contacts: segments with a constant mode, joined by impacts, and series of ever smaller bounces.
 
 A segment is an ordinary run: the equations of motion with the constraints and friction forces of its mode, and with
 events at which the mode ends. After it a transition applies the laws of contact, which give the next state and mode.

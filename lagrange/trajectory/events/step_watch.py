@@ -265,7 +265,7 @@ class StepWatch(EventLog):
                 sample, i, noise, self._sides[i], level=level, starting=i in starting, last=last, isolate=self._isolate
             )
             if begun is not None and i in begun.jumped:
-                # An earlier jump repeats in the first fraction of the step.
+                # The jump at which this step begins may be found again at once: it is left out.
                 later = (root for root in traces[i].zeros if not root.jump or root.time > SMALL_FRACTION)
                 traces[i] = replace(traces[i], zeros=tuple(later))
         if begun is not None and self._changes_at_once(begun, {i: traces[i] for i in starting if i in traces}, sample):

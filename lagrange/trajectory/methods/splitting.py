@@ -76,7 +76,9 @@ class Splitting:
         check_options(self.step)
         for what, total in (("kicks", sum(k for k, _ in self.stages)), ("drifts", sum(d for _, d in self.stages))):
             if not abs(total - 1) <= 1e-14:
-                raise StatementError(f"the {what} of {self.name} add up to {total:.17g}: they must add up to one step.")
+                raise StatementError(
+                    f"the {what} of {self.name} add up to {total:.17g}: these fractions of the step must add up to 1."
+                )
         check_words(self.name, self.order, self.flows)
 
     @property
