@@ -183,9 +183,10 @@ def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints:
                 if name in taken:
                     raise StatementError(f"the contact {key!r} has the name of a constraint: choose another name.")
                 taken.append(name)
-    law = simultaneous or ""
-    with located("simultaneous"):
-        one_of(law, ("", *LAWS), "simultaneous is {given}: give one of {known}.") if law else None
+    law = ""
+    if simultaneous is not None and not (isinstance(simultaneous, str) and not simultaneous):
+        with located("simultaneous"):
+            law = one_of(simultaneous, LAWS, "simultaneous is {given}: give one of {known}.")
     return {"contacts": tuple(contacts), "simultaneous": law}
 
 

@@ -159,12 +159,12 @@ def test_dampers_are_inverses_of_the_identity_less_a_multiple_of_the_derivative(
     steps = Steps(method_of(name), model)
     steps.take()
     layout, work = steps.driver._layout, steps.driver._work
-    solve = layout.solves[0]
     dampers = [
         work[solve.damper(damp) :][: solve.length * solve.width].reshape(solve.length, solve.width)[:, : solve.length].T
+        for solve in layout.solves
         for damp in solve.damped
     ]
-    length = work[solve.flags + NEWTON.places["matrix_step"]]
+    length = work[layout.solves[0].flags + NEWTON.places["matrix_step"]]
     jacobian = model.jacobian(0.0, np.zeros(6))
     assert len(dampers) == len(steps.step.damps) > 0
     for damper, damp in zip(dampers, steps.step.damps, strict=True):
