@@ -124,8 +124,8 @@ class _Problem:
                 f"{statement.name} has constraints on velocities ({listing(nonholonomic)}), so its equilibria form a "
                 "continuous region and cannot be listed: linearize(at=...).equilibrium says whether a point is one."
             )
-        at_rest = {**dict.fromkeys((*form.a, *form.v), sympy.S.Zero), **self.speeds}
-        forces = [simplest(with_known_signs(r.subs(at_rest, simultaneous=True))) for r in form.residuals]
+        self.at_rest = {**dict.fromkeys((*form.a, *form.v), sympy.S.Zero), **self.speeds}
+        forces = [simplest(with_known_signs(r.subs(self.at_rest, simultaneous=True))) for r in form.residuals]
         self.zeros = [form.read(constraint.expression) for constraint in statement.constraints]
         if any(x.has(t) for x in (*forces, *self.zeros)):
             raise StatementError(
@@ -146,8 +146,7 @@ class _Problem:
     @cached_property
     def friction(self) -> str:
         """A sentence on the forces that jump at rest, as dry friction does; empty without such forces."""
-        form = self.form
-        at_rest = {**dict.fromkeys((*form.a, *form.v), sympy.S.Zero), **self.speeds}
+        form, at_rest = self.form, self.at_rest
         jumps = {
             edge: None
             for residual in form.residuals

@@ -28,7 +28,7 @@ from lagrange.equations.terms import printable
 from lagrange.errors import StatementError, formula, listing
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node, substitute
-from lagrange.mechanics.expansion import StatedPoint, edges
+from lagrange.mechanics.expansion import StatedPoint
 from lagrange.mechanics.plain_form import Shortener, in_fractions, numeric
 from lagrange.statement.coordinate import t
 from lagrange.statement.rotation import quaternion_rows
@@ -220,10 +220,7 @@ def small_changes(point: StatedPoint) -> SmallChanges:
 
     Raises StatementError for a point off the constraints, and if the constraints are dependent or leave no motion.
     """
-    statement = point.form.statement
-    stated = (statement.lagrangian, statement.dissipation, *statement.forces)
-    if any(edges(point.form.read(x)) for x in stated):
-        _ = point.residuals  # refuses a corner that matters; at any other both sides have the same derivatives
+    point.check_corners()
     at_point = AtPoint(point)
     e, constraints, product = at_point.equations, at_point.equations.stated, at_point.shortener.product
     _check(at_point)
@@ -238,7 +235,7 @@ def small_changes(point: StatedPoint) -> SmallChanges:
         decimals = point.in_decimals()  # sums of numbers such as sin(1/3) grow with every elimination
         if decimals.decimal and not point.decimal:
             return small_changes(decimals)
-    if len(speeds.kept) < len(constraints) and statement.redundant == "refuse":
+    if len(speeds.kept) < len(constraints) and point.form.statement.redundant == "refuse":
         raise StatementError("the constraints are dependent at this point, so choose another point to linearize at.")
     if not speeds.independent:
         raise StatementError("the constraints allow no motion to linearize: leave one of the constraints out.")
