@@ -410,7 +410,7 @@ def change_on_step(zeros: Zeros, count: int, watched: Watched) -> int:
 
 @inline
 def count_before(zeros: Zeros, count: int, time: float) -> int:
-    """Return how many of the first `count` zeros, which are in order of time, are before `time`."""
+    """Return the number of zeros before `time` among the first `count`, which are in order of time."""
     early = 0
     for j in range(count):
         early += int(zeros.times[j] < time)

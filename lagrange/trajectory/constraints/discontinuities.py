@@ -233,7 +233,7 @@ class _Surface:
         return cls(values / units, sizes / units, rows / lengths[:, None], positions)
 
     def change(self, other: _Surface) -> FloatArray:
-        """Return how much each constraint differs between the two sides, (p + m, k).
+        """Return the difference of each constraint between the two sides, (p + m, k).
 
         First come the p constraints phi on positions: the difference of their values, relative to their terms. Then
         come the m constraints psi on velocities: the larger of this and of the difference of the row of G.

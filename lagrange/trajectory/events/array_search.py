@@ -167,7 +167,8 @@ def local_polynomials(
         width, finite = 0.5**depth, bool(np.isfinite(samples).all())
         size = _size(samples) if finite else math.inf
         least = noise if smooth and start == 0 else 0.0
-        coefficients, error, tail = _resolved(samples, size, noise, before, least)
+        chebyshev = to_chebyshev() @ np.where(np.isfinite(samples), samples, 0.0)
+        coefficients, error, tail = _resolved(chebyshev, size, noise, before, least)
         if len(coefficients):
             yield LocalPolynomial(start, width, coefficients, error)
         elif depth < DEEPEST_HALVING and halvings < SAMPLED_HALVINGS:
@@ -184,14 +185,14 @@ def local_polynomials(
 
 
 def _resolved(
-    samples: FloatArray, size: float, noise: float, before: float, least: float
+    chebyshev: FloatArray, size: float, noise: float, before: float, least: float
 ) -> tuple[FloatArray, float, float]:
-    """Return the power coefficients (k,) of a polynomial through samples (17,) of a function, its error and its tail.
+    """Return the power coefficients (k,) of a function with Chebyshev coefficients (17,), their error and the tail.
 
-    There are no coefficients if the function is not resolved. The tail is the size of the last Chebyshev coefficients.
-    The other arguments are those of `local_polynomial`.
+    The result has no coefficients if the function is not resolved. The tail is the size of the last Chebyshev
+    coefficients. The arguments are those of `local_polynomial`.
     """
-    chebyshev, powers = to_chebyshev() @ np.where(np.isfinite(samples), samples, 0.0), np.empty(DEGREE + 1)
+    powers = np.empty(DEGREE + 1)
     count, error, tail = called(local_polynomial.form())(chebyshev, size, noise, before, least, powers)
     return powers[:count], error, tail
 
@@ -323,9 +324,9 @@ def _integrated(sample: Sample, index: int, piece: LocalPolynomial) -> LocalPoly
     values = sample.rates(piece.width * nodes())[index] * piece.width
     if not np.isfinite(values).all():
         return piece
-    size = float(np.abs(values).max())
-    noise = RATE_NOISE * size + DEGREE * float(np.abs((to_chebyshev() @ values)[-2:]).max())
-    slopes, _, _ = _resolved(values, size, noise, math.inf, noise)
+    size, chebyshev = float(np.abs(values).max()), to_chebyshev() @ values
+    noise = RATE_NOISE * size + DEGREE * float(np.abs(chebyshev[-2:]).max())
+    slopes, _, _ = _resolved(chebyshev, size, noise, math.inf, noise)
     return replace(piece, coefficients=slopes / np.arange(1, len(slopes) + 1), noise=noise)
 
 

@@ -14,7 +14,7 @@ from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.state import EventSteps, StepEventMemory
 from lagrange.trajectory.events.actions import ModelEvent, model_events
 from lagrange.trajectory.events.array_search import Side
-from lagrange.trajectory.events.event_log import Breaks, EventLog, Occurrences
+from lagrange.trajectory.events.event_log import Breaks, EventLog, Occurrences, until_end
 from lagrange.trajectory.events.step_batch import PathOf, StepsPath
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths import StepPath
@@ -116,11 +116,8 @@ class WatchedEvents:
         memory, events = self.memory, self.events
         memory.sign[:] = [side.sign for side in zero_sides]
         memory.near[:] = [side.near for side in zero_sides]
-        memory.until_end[:] = [
-            max(0, event.terminal - len(occurrence)) for event, occurrence in zip(events, occurrences, strict=True)
-        ]
-        resets = np.array([event.reset for event in events])
-        memory.remaining[:] = np.where(resets, 1, memory.until_end)
+        memory.until_end[:] = until_end(events, occurrences)
+        memory.remaining[:] = np.where([event.reset for event in events], 1, memory.until_end)
         memory.zero_sizes[:] = [zero_sizes.get(i, 0.0) for i in range(len(events))]
         unmet = [UNKNOWN if event.reset else IGNORED for event in events]
         memory.arrivals[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]

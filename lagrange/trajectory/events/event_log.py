@@ -112,6 +112,11 @@ class Breaks:
         return rows[first - begin :], times[first - begin :], states[first - begin :]
 
 
+def until_end(events: Sequence[ModelEvent], occurrences: Sequence[Occurrences]) -> list[int]:
+    """Return the number of occurrences after which each event ends the run, beyond those so far; 0 for never."""
+    return [max(event.terminal - len(earlier), 0) for event, earlier in zip(events, occurrences, strict=True)]
+
+
 class EventLog:
     """The occurrences of each event along a run. `state` is the driver's present state, None before the run.
 
@@ -127,8 +132,7 @@ class EventLog:
 
         `events` are all events; a zero refers to its event by index.
         """
-        left = [max(event.terminal - len(seen), 0) for event, seen in zip(events, self.occurrences, strict=True)]
-        remaining = np.array([1 if event.reset else number for event, number in zip(events, left, strict=True)])
+        remaining = np.where([event.reset for event in events], 1, until_end(events, self.occurrences))
         functions, directions = [zero.which for zero in zeros], [zero.root.rising for zero in zeros]
         expected = [event.direction for event in events]
         change = first_change(len(zeros), functions, directions, expected, remaining)
