@@ -189,7 +189,7 @@ class LlvmSeries(Shared):
         self._packing = pack(program, lanes())
         self._compiled: dict[int, CompiledJet] = {}
         self._is_large = cache(partial(is_large, self._packing))
-        self._order = cache(partial(cheapest_order, self._packing))
+        self._order = cache(partial(cheapest_order, program))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return LlvmSeries, (self.program,)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial, block_size
 from lagrange.algorithm.dense.polynomials import series_polynomial
-from lagrange.algorithm.series.packing import Cost, best_order
+from lagrange.algorithm.series.packing import cheapest_order
 from lagrange.algorithm.step.error_control import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.algorithm.taylor.loop import taylor_steps
@@ -420,6 +420,7 @@ class NumpySeries(Shared):
     def __init__(self, program: SeriesProgram) -> None:
         self.program = program
         self._prepared: tuple[bytes, Jet] | None = None
+        self._order = cache(partial(cheapest_order, program))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return NumpySeries, (self.program,)
@@ -429,11 +430,8 @@ class NumpySeries(Shared):
         return "interpreted"
 
     def order(self, tolerance: float) -> int:
-        """Return the order of the series with which a run to a relative tolerance costs least.
-
-        It is assumed that interpretation takes as long at every order.
-        """
-        return best_order(Cost(fixed=2.0, each=1.0, pairs=0.0), tolerance)
+        """Return the order of the series for a relative tolerance. It is that of machine code."""
+        return self._order(tolerance)
 
     @cached_property
     def values(self) -> Kernel:

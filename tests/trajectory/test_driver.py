@@ -29,6 +29,21 @@ def settings(name: str) -> dict[str, Any]:
     return {"step": 0.013} if name in FIXED else {"rtol": 1e-8, "atol": 1e-10}
 
 
+SCENES = (
+    *("pendulum", "double-pendulum", "kepler", "mass-on-spring", "henon-heiles", "bead-on-hoop"),
+    *("chain-of-springs", "quadrotor", "charge-in-field", "cartesian-pendulum"),
+)
+
+
+@pytest.mark.few(4)
+@pytest.mark.parametrize("method", ADAPTIVE)
+@pytest.mark.parametrize("scene", SCENES)
+def test_both_machines_take_the_same_number_of_steps(scene: str, method: str) -> None:
+    """Both runs have equal steps; rounding may decide whether one more is needed."""
+    runs = [lg.integrate(shared_scene(scene).compile(target=target), (0.0, 2.0), method=method) for target in TARGETS]
+    assert abs(runs[0].steps - runs[1].steps) <= 1
+
+
 class Counting:
     """A kernel that counts its calls."""
 

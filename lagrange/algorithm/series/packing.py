@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 from lagrange.algorithm.constants import WIDEST_VECTOR, whole_blocks
@@ -143,6 +143,7 @@ ZERO_LANE = -1
 """Entry of an operand in a lane that is zero."""
 
 
+@lru_cache(maxsize=64)
 def pack(program: SeriesProgram, lanes: int) -> Packing:
     """Return a series program packed into vectors of up to `lanes` values that are computed by one rule."""
     packer = _Packer(program, lanes)
@@ -364,12 +365,14 @@ order 20, in the same time.
 """
 
 
-def cheapest_order(packing: Packing, tolerance: float) -> int:
+def cheapest_order(program: SeriesProgram, tolerance: float) -> int:
     """Return the order of a series with about the lowest cost for a relative tolerance.
 
     The cost is that of code without loops, or of loops if the series is large. Below a tolerance of
-    `ROUNDING_TOLERANCE` the order is bounded, except for the smallest systems.
+    `ROUNDING_TOLERANCE` the order is bounded, except for the smallest systems. Every machine and every processor
+    chooses the order for the widest vectors: then a run takes the same steps everywhere.
     """
+    packing = pack(program, WIDEST_VECTOR)
     order = best_order(jet_cost(packing, looped=False), tolerance)
     if is_large(packing, order):
         order = best_order(jet_cost(packing, looped=True), tolerance)
