@@ -39,7 +39,7 @@ TOP = len(STAGES)
 """Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""
 TABLES = (
     "lagrange", "lagrange.__main__", "lagrange.compiler", "lagrange.statement.display",
-    "lagrange.export.languages",
+    "lagrange.export.target",
 )  # fmt: skip
 """Modules that load others by name: public names, command line, machines, pages of results, languages of exports."""
 VIEWED = ("lagrange.system", "lagrange.trajectory.solution")

@@ -17,9 +17,18 @@ from lagrange.algorithm.series.integrator import TaylorProcedures
 from lagrange.algorithm.step.error_control import adaptive_run, one_step
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import StatementError, listing, shown, suggestion
-from lagrange.export.descriptions import COMMENT_WIDTH, ascii_name, statement_lines, wrapped
-from lagrange.export.module import ExportedIntegrator, ExportedQuantity, ExportedRun, SourceModule, ValueNames
-from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
+from lagrange.export.module import (
+    COMMENT_WIDTH,
+    ExportedIntegrator,
+    ExportedQuantity,
+    ExportedRun,
+    SourceModule,
+    ValueNames,
+    ascii_name,
+    statement_lines,
+    wrapped,
+)
+from lagrange.export.programs import check_of, in_python, prepared_numbers, step_check
 from lagrange.export.target import QUANTITIES, SOLVED, Target, able_targets, check_operations, find
 from lagrange.graph import node
 from lagrange.machine.backend import FloatArray

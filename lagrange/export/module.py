@@ -1,12 +1,29 @@
-"""The language-independent module of an export: functions, their tests, and texts about them."""
+"""The language-independent module of an export: functions, their tests, names, and comments that fit every language."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+import textwrap
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
+from typing import Any
 
-from lagrange.procedure.form import Procedure
+from sympy import count_ops
+from sympy.printing.str import StrPrinter
+
+from lagrange.algorithm.constants import Outcome
+from lagrange.procedure.form import Array, Procedure, Record, ReserveRecord, inner
 from lagrange.program.program import Instruction, Program
+from lagrange.show.notation.formula import Typesetter
+from lagrange.show.notation.text import Notation
+from lagrange.show.units import unit_of
+from lagrange.statement.coordinate import name_of
+from lagrange.statement.event import Event
+from lagrange.statement.statement import Statement
+from lagrange.statement.vocabulary.letters import GREEK
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,3 +182,333 @@ class SourceModule:
         for procedure in self.public:
             ordered |= dict.fromkeys((*procedure.callees, procedure))
         return tuple(ordered)
+
+
+LONGEST_NAME = 63  # Longest name: the number of characters that C and Fortran distinguish
+
+
+def ascii_name(name: str) -> str:
+    """Return a name of ASCII letters, digits and underscores that begins with a letter: "θ1" becomes "theta1"."""
+    spelled = "".join(map(spelled_letter, name))
+    plain = re.sub(r"[^A-Za-z0-9]+", "_", spelled).strip("_")
+    return (plain if plain[:1].isalpha() else f"x{plain}")[:LONGEST_NAME]
+
+
+def spelled_letter(letter: str) -> str:
+    """Return a letter in ASCII: a Greek letter by its name, an accented one without its accent."""
+    bare = unicodedata.normalize("NFD", letter)[0]
+    if bare in GREEK or bare.isascii():
+        return GREEK.get(bare, bare)
+    words = unicodedata.name(bare, "").split()
+    return words[-1].lower() if words[:1] == ["GREEK"] else letter
+
+
+def distinct(
+    names: Sequence[str], reserved: Iterable[str] = (), *, key: Callable[[str], str] = lambda name: name
+) -> tuple[str, ...]:
+    """Return distinct legal names in order; a name that is taken or reserved gets a number as suffix.
+
+    Two names count as the same if `key` maps them to the same text: `str.lower` for a language that ignores case.
+    """
+    taken, legal_names = {key(word) for word in reserved}, []
+    for name in names:
+        plain = ascii_name(name)
+        legal, count = plain, 2
+        while key(legal) in taken:
+            tail = f"_{count}"
+            legal, count = plain[: LONGEST_NAME - len(tail)] + tail, count + 1
+        taken.add(key(legal))
+        legal_names.append(legal)
+    return tuple(legal_names)
+
+
+TEXT_WIDTH = 110  # Largest length of a line of comment, or of the head of a function, in exported files
+
+
+DEFAULT_LINE_LENGTH = 120  # Default limit of characters per line, for languages without a limit
+
+
+def continued(line: str, room: int = DEFAULT_LINE_LENGTH, mark: str = "") -> list[str]:
+    """Return a statement as lines of at most `room` characters, broken at spaces; all but the last end with `mark`.
+
+    A line without a space to break at stays longer.
+    """
+    indent, lines = " " * (len(line) - len(line.lstrip()) + 4), []
+    while len(line) > room:
+        cut = line.rfind(" ", len(indent), room - len(mark))
+        if cut < 0:
+            break
+        lines.append(f"{line[:cut]} {mark}".rstrip())
+        line = indent + line[cut + 1 :]
+    return [*lines, line]
+
+
+def number_lines(values: Iterable[str], indent: str, end: str = ",") -> list[str]:
+    """Return number literals on indented lines of at most `TEXT_WIDTH` characters; `end`, a comma, follows each."""
+    text = " ".join(f"{value}{end}" for value in values)
+    return [f"{indent}{line}" for line in textwrap.wrap(text, TEXT_WIDTH - len(indent), break_long_words=False)]
+
+
+TOGETHER, KEPT = "\N{NO-BREAK SPACE}", "\x1f"
+"""A space at which no line is broken, and the character that replaces it while lines are broken."""
+
+
+def plain(text: str) -> str:
+    """Return a text in ASCII that cannot end a comment; Greek letters are spelled by name."""
+    spelled = "".join(map(spelled_letter, text))
+    ascii_only = unicodedata.normalize("NFKD", spelled).encode("ascii", "replace").decode("ascii")
+    printable = "".join(letter if letter.isprintable() else " " for letter in ascii_only)
+    return printable.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Return a text as lines of at most `width` characters, at least one line; continuation lines are indented."""
+    ascii_text = KEPT.join(map(plain, text.split(TOGETHER)))
+    lines = textwrap.wrap(ascii_text, width, subsequent_indent="  ", break_long_words=False)
+    return [line.replace(KEPT, " ") for line in lines] or [""]
+
+
+def commented(text: str, mark: str, width: int = 110) -> list[str]:
+    """Return a text as comment lines that begin with a mark, such as "//"."""
+    return [f"{mark} {line}".rstrip() for line in wrapped(text, width - len(mark) - 1)]
+
+
+TEST = (
+    "The test: results at some states, computed with 40 digits. A result may be off by 1e-12 of itself; where it is a "
+    "small difference of large numbers, by 1e-12 of the largest one at that state."
+)
+"""Comment on the self-test: what is compared, and the allowed errors. A language adds a sentence on its report."""
+
+
+def places(array: str, names: Sequence[str], element: str = "{0}[{1}]", first: int = 0) -> str:
+    """Return the names of the entries of an array with their indices, such as "y[0] theta, y[1] theta_dot".
+
+    `element` is the template of an entry in the language, and `first` the index of the first entry.
+    """
+    shown = [f"{element.format(array, k)}{TOGETHER}{name}" for k, name in enumerate(names, first)]
+    return ", ".join(shown) or f"{array} is empty"
+
+
+def named_places(module: SourceModule, array: str) -> Iterator[str]:
+    """Yield lines of Python: comments on the entries of y and of the parameters, their names and default values.
+
+    `array` is the name of the array of parameters.
+    """
+    yield ""
+    yield from commented(places("y", module.state), "#")
+    yield from commented(places(array, module.parameters), "#")
+    for name, names in (("STATE_NAMES", module.state), ("PARAMETER_NAMES", module.parameters)):
+        yield f"{name} = {tuple(names)!a}"
+    yield f"DEFAULT_PARAMETERS = {module.values!a}"
+    yield from (f"{name} = {k}" for name, k in indices(module))
+    yield ""
+
+
+OUTCOMES: Mapping[Outcome, str] = {
+    Outcome.DONE: "done",
+    Outcome.PAUSED: "max_steps reached",
+    Outcome.NON_FINITE: "the state is not finite",
+    Outcome.SINGULAR: "a matrix is singular",
+    Outcome.STEP_TOO_SMALL: "the step became too small",
+    Outcome.DIVERGED: "Newton's method diverged",
+    Outcome.UNPROJECTED: "the state could not be moved onto the constraints",
+}
+"""Meaning of the codes that integrators return."""
+
+
+def statement_comment(module: SourceModule, mark: str) -> list[str]:
+    """Return the comment at the top of a file, the statement of the system; each line begins with `mark`."""
+    return [f"{mark} {plain(line)}".rstrip() for line in module.statement]
+
+
+def statuses(regular: str, singular: str) -> str:
+    """Return a comment on the status that the functions of quantities return.
+
+    `regular` is the spelling of the status if all matrices are regular, and `singular` if a matrix is singular.
+    """
+    return (
+        f"Each function of t, y and p returns {regular}, or {singular} where a matrix is singular to round-off: out is "
+        "then not to be used."
+    )
+
+
+def outcome_codes() -> list[tuple[str, int, str]]:
+    """Return (name, number, meaning) of each code that integrators return; a name is such as "NON_FINITE"."""
+    return [(code.name, int(code), text) for code, text in OUTCOMES.items()]
+
+
+def indices(module: SourceModule, first: int = 0) -> list[tuple[str, int]]:
+    """Return names for the indices of states and parameters, such as ("Y_THETA", 0) and ("PARAMETER_M", 0).
+
+    `first` is the index of the first entry of an array in the language.
+    """
+    named = [*((f"Y_{name}", k) for k, name in enumerate(module.state, first))]
+    named += [(f"PARAMETER_{name}", k) for k, name in enumerate(module.parameters, first)]
+    names = distinct([name for name, _ in named], key=str.upper)
+    return [(name.upper(), k) for name, (_, k) in zip(names, named, strict=True)]
+
+
+def about_of(module: SourceModule, procedure: Procedure) -> str:
+    """Return the description of a public function; for a quantity, with the names of its results."""
+    quantity = next((candidate for candidate in module.quantities if candidate.procedure is procedure), None)
+    if quantity is None:
+        return procedure.about
+    return f"{quantity.about} out: {', '.join(quantity.results)}."
+
+
+def sizes(module: SourceModule, prepared: int | None = None) -> list[tuple[str, int, str]]:
+    """Return the lengths of all arrays as (name, length, description of the entries).
+
+    `prepared` is the length of p, the array of values that depend on parameters alone; None is that of the module.
+    """
+    length = module.prepared if prepared is None else prepared
+    return [
+        ("state", len(module.state), "numbers in y: coordinates, then velocities"),
+        ("parameters", len(module.parameters), "numbers in parameters"),
+        ("prepared", max(length, 1), "numbers in p: parameters, and what depends on them alone"),
+        *(
+            (quantity.name, len(quantity.results), f"numbers in out of {quantity.name}")
+            for quantity in module.quantities
+        ),
+    ]
+
+
+def lengths(module: SourceModule, procedure: Procedure) -> dict[str, int]:
+    """Return the number of entries that a public function uses of each array argument, by the argument's name."""
+    arrays = {parameter.name: parameter.type for parameter in procedure.parameters if isinstance(parameter.type, Array)}
+    sizes_by_name = {name: module.prepared if kind.size is None else kind.size for name, kind in arrays.items()}
+    return {name: length for name, length in sizes_by_name.items() if length}
+
+
+def columns(module: SourceModule) -> str:
+    """Return the header line of the table that `main` writes: the names of its columns."""
+    return ",".join(["t", *map(plain, module.state)])
+
+
+def run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator]:
+    """Return the run that the exported program computes, and its integrator, the first adaptive one.
+
+    The module must have a run.
+    """
+    assert module.run is not None
+    return module.run, next(integrator for integrator in module.integrators if integrator.adaptive)
+
+
+def records_of(procedures: Sequence[Procedure]) -> list[Record]:
+    """Return the types of records (structs) that the procedures use, each once."""
+    records: dict[Record, None] = {}
+    for procedure in procedures:
+        records |= dict.fromkeys(
+            parameter.type for parameter in procedure.parameters if isinstance(parameter.type, Record)
+        )
+        blocks = [procedure.body]
+        while blocks:
+            for statement in blocks.pop():
+                if isinstance(statement, ReserveRecord):
+                    records[statement.record] = None
+                blocks += inner(statement)
+    return list(records)
+
+
+COMMENT_WIDTH = 104
+
+INPUTS = (
+    "the last parameters. Prepared numbers do not depend on them: these entries of p may be changed before every call. "
+    "A run keeps them constant."
+)
+"""Comment on inputs for an exported file: they are the last parameters."""
+
+LONG_TERM = 300
+"""Terms with more operations than this are printed in SymPy's order: textbook order takes seconds for thousands of
+operations."""
+
+
+LICENSE = "BSD-3-Clause"  # License of the text of exported files that is ours; the equations are the user's
+
+
+def generator() -> str:
+    """Return the name and the version of this package."""
+    return f"lagrange {version('lagrange-mechanics')}"
+
+
+def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Iterator[str]:
+    """Yield the text of a statement as lines: name, version, license, energies, forces, constraints, events.
+
+    Coordinates in order, and parameters with values and units follow. Given functions of time appear by name, as
+    stated.
+    """
+    inputs = [symbol.name for symbol, _ in statement.inputs]
+    statement = statement.open_form or statement
+    write = _writer(statement)
+    yield from wrapped(f"{statement.name}: equations of motion, made by {generator()}", COMMENT_WIDTH)
+    yield f"SPDX-License-Identifier: {LICENSE}"
+    if statement.about:
+        yield from wrapped(statement.about, COMMENT_WIDTH)
+    yield ""
+    if statement.kinetic is None or statement.potential is None:
+        yield from _formula("L", write(statement.lagrangian))
+    else:
+        yield from _formula("T", write(statement.kinetic))
+        yield from _formula("V", write(statement.potential))
+    for name, force in zip(statement.names, statement.forces, strict=True):
+        if force != 0:
+            yield from _formula(f"force on {name}", write(force))
+    if statement.dissipation != 0:
+        yield from _formula("D", write(statement.dissipation))
+    for constraint in statement.constraints:
+        yield from _formula(f"constraint {constraint.name}", f"{write(constraint.expression)} = 0")
+    for motion in statement.known_motions:
+        yield from wrapped(
+            motion if isinstance(motion, str) else f"{name_of(motion[0])} = {write(motion[1])}", COMMENT_WIDTH
+        )
+    for k, event in enumerate(events):
+        yield from _formula(f"event{k}", f"{write(event.expression)}{_event_note(event, write)}")
+    yield ""
+    values = [_with_unit(statement, p.name, statement.defaults.get(p)) for p in statement.parameters]
+    for title, parts in (
+        ("coordinates", [_with_unit(statement, name) for name in statement.names]),
+        ("parameters", values),
+    ):
+        yield from wrapped(f"{title}: {', '.join(parts) or 'none'}", COMMENT_WIDTH)
+    if inputs:
+        yield from wrapped(f"inputs: {', '.join(inputs)}: {INPUTS}", COMMENT_WIDTH)
+
+
+def _event_note(event: Event, write: Callable[[Any], str]) -> str:
+    """Return the text after the expression of an event: its direction, its reset, and whether it ends the run."""
+    notes = [{1: "rising", -1: "falling"}[event.direction]] if event.direction else []
+    if event.terminal > 0:
+        notes.append(f"terminal at occurrence {event.terminal}")
+    notes += [f"reset {write(key)} to {write(value)}" for key, value in event.reset.items()]
+    if not notes:
+        return ""
+    return f" ({', '.join(notes)}{'; the reset is not exported' if event.reset else ''})"
+
+
+def _writer(statement: Statement) -> Callable[[Any], str]:
+    """Return the function that writes an expression as text: in textbook order, or a long one in SymPy's order."""
+    booklike = cache(lambda: Typesetter(statement, Notation()))
+    printer, plain = StrPrinter({"order": "none"}), statement.plain
+
+    def named(fallback: Callable[[Any], str]) -> Callable[[Any], str]:
+        return lambda node: plain[node].name if node in plain else fallback(node)
+
+    # Long expressions are not rewritten in plain symbols first: SymPy needs seconds for that.
+    printer._print_AppliedUndef = named(printer._print_Function)
+    printer._print_Derivative = named(printer.emptyPrinter)
+
+    def write(expression: Any) -> str:
+        if count_ops(expression) <= LONG_TERM:
+            return booklike().write(expression)
+        return str(printer.doprint(expression))
+
+    return write
+
+
+def _formula(name: str, text: str) -> list[str]:
+    return wrapped(f"{name} = {text}", COMMENT_WIDTH)
+
+
+def _with_unit(statement: Statement, name: str, value: float | None = None) -> str:
+    written, unit = "" if value is None else f" = {value!r}", unit_of(statement, name)
+    return f"{name}{written} [{unit}]" if unit else f"{name}{written}"

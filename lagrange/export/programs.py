@@ -1,19 +1,86 @@
-"""The programs beside an exported file: its self-test, and `main`, which runs the initial state.
+"""The programs beside an exported file: its self-test with the test data, and `main`, which runs the initial state.
 
-The same code fills in both programs for all languages, from templates in the folder `templates`.
+The same code fills in both programs for all languages, from the texts in the folder `templates`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+import re
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from functools import cache
+from importlib.resources import files as resources
+from itertools import chain, islice
+from string import Template
+from typing import NamedTuple
 
 from lagrange.algorithm.constants import Outcome
-from lagrange.export.descriptions import OUTCOMES, TEST, columns, commented, number_lines, run_of
-from lagrange.export.module import SourceModule, StepCheck
-from lagrange.export.templates import templates
+from lagrange.errors import StatementError, listing
+from lagrange.evidence.precise_run import NoValue, evaluate
+from lagrange.export.module import (
+    OUTCOMES,
+    TEST,
+    Check,
+    ExportedIntegrator,
+    SourceModule,
+    StepCheck,
+    columns,
+    commented,
+    number_lines,
+    run_of,
+)
+from lagrange.machine.python_source import loaded
+from lagrange.procedure.form import Procedure
 from lagrange.procedure.spelling import Literals
+from lagrange.program.program import Program
+from lagrange.statement.random_states import SampleKind, Sampler
+from lagrange.statement.statement import Statement
+
+
+class Fields(Template):
+    """Template of a text with fields such as @{name}; @@ is the sign @."""
+
+    delimiter = "@"
+
+
+@cache
+def templates(language: str) -> Mapping[str, Fields]:
+    """Return the templates of a language by name, from its file in the folder `templates`.
+
+    A line such as "@@@ head" precedes the template of this name.
+    """
+    text = resources("lagrange.export.templates").joinpath(f"{language}.txt").read_text("ascii")
+    _, *parts = re.split(r"^@@@ ([\w ]+)\n", text, flags=re.MULTILINE)
+    return dict(zip(parts[::2], map(Fields, parts[1::2]), strict=True))
+
+
+def filled(language: str, name: str, /, **fields: object) -> str:
+    """Return the text of a template of a language with values for its fields, without line ends after it."""
+    return templates(language)[name].substitute(fields).rstrip()
+
+
+def words(language: str, name: str) -> list[str]:
+    """Return the words of a list of a language, such as the list "reserved"."""
+    return templates(language)[name].template.split()
+
+
+def helpers(language: str) -> dict[str, str]:
+    """Return the definitions of a language's helper functions by operation: the templates such as "helper min"."""
+    mark = "helper "
+    return {
+        name.removeprefix(mark): fields.substitute().rstrip()
+        for name, fields in templates(language).items()
+        if name.startswith(mark)
+    }
+
+
+def named_helpers(language: str) -> dict[str, tuple[str, str]]:
+    """Return (name, definition) of the helper functions in C or JavaScript, by operation."""
+    names = re.compile(r"^(?:function|double|int64_t) (\w+)", re.MULTILINE)
+    return {op: (names.findall(text)[0], text) for op, text in helpers(language).items()}
+
 
 MOST_STEPS_PER_ROW = 10_000_000  # Largest number of steps between two rows of the table of `main`
 
@@ -135,3 +202,205 @@ def main_text(module: SourceModule, script: Script, **extra_fields: object) -> s
         **extra_fields,
     }
     return "\n".join([*script.comment(about), "", script.filled("main", fields)])
+
+
+STATES = 6  # Number of states of each test, the initial state among them if the quantity has values there
+TOLERANCE = 1e-12  # Allowed relative error of a result
+
+WELL_CONDITIONED = 2e-14
+"""Largest relative error of doubles at a preferred test state: a fiftieth of the allowed error."""
+
+STATE_DRAWS = 60  # Number of random states from which well-conditioned ones are chosen
+ULP = 2.0**-52  # Relative change of a state that estimates the condition number of its results
+
+NEAR_INITIAL_STATE = SampleKind("near the initial state", "initial", "default")
+"""Sampling of the test states: near the initial state, with the default parameters."""
+
+
+Evaluation = Callable[[float, Sequence[float]], list[float] | None]
+"""Function that returns the results at a time and a state (2n,) as doubles, or None if a matrix is singular."""
+
+
+def in_python(procedure: Procedure, prepared: memoryview, count: int) -> Evaluation:
+    """Return the procedure of a quantity as a Python function of t and y, which returns None if a matrix is singular.
+
+    `prepared` is the array of values that depend on parameters alone, `count` is the number of results.
+    """
+    run = loaded(procedure)
+
+    def evaluation(t: float, y: Sequence[float]) -> list[float] | None:
+        out = memoryview(array("d", [0.0] * max(count, 1)))
+        singular = run(t, memoryview(array("d", y)), prepared, out)
+        return None if singular else [float(value) for value in out[:count]]
+
+    return evaluation
+
+
+def check_of(
+    name: str, program: Program, evaluate: Evaluation, statement: Statement, parameters: Sequence[float]
+) -> Check:
+    """Return the test of a quantity; `evaluate` runs the exported procedure in doubles.
+
+    States are drawn near the initial state, with the default parameters. Preferred are states at which doubles
+    reproduce every result with a relative error of 2e-14. At other states the allowed error is 1e-12 of the largest
+    result there, and the comments of the file say so. Raises StatementError if too few states have values.
+    """
+    states = list(_states(statement))
+    states.sort(key=lambda state: _sensitivity(evaluate, *state) > WELL_CONDITIONED)
+    good: list[_Case] = []
+    sensitive: list[_Case] = []
+    for t, y in states:
+        if pair := _case(program, evaluate, t, y, parameters):
+            case, relative = pair
+            (good if relative else sensitive).append(case)
+        if len(good) == STATES or len(sensitive) == STATES:
+            break
+    chosen = [*good, *sensitive][:STATES]
+    if len(chosen) < STATES:
+        missing = f"{name} of {statement.name} has no values at {STATES} states near the initial one"
+        raise StatementError(missing + _no_states(program, states, statement, parameters))
+    return Check(name, *zip(*chosen, strict=True))
+
+
+def _no_states(
+    program: Program,
+    states: Sequence[tuple[float, tuple[float, ...]]],
+    statement: Statement,
+    parameters: Sequence[float],
+) -> str:
+    """Return the end of an error message: what to do about a quantity with too few test states.
+
+    The cause is a parameter that is zero, or states at which the quantity has no value.
+    """
+
+    def some(values: Sequence[float]) -> bool:
+        return any(_exact(program, t, y, values) for t, y in states)
+
+    if some(parameters) or not some([value or 1.0 for value in parameters]):
+        return ", which the self-test needs: state an initial state at which it has values."
+    return f" with {_zeros(statement, parameters)}, which the self-test needs: give other values of parameters."
+
+
+def _zeros(statement: Statement, parameters: Sequence[float]) -> str:
+    """Return the parameters that are zero as text, such as "k = 0", for a message."""
+    zeros = [
+        f"{parameter.name} = 0" for parameter, value in zip(statement.parameters, parameters, strict=True) if not value
+    ]
+    return listing(zeros) if zeros else "these parameters"
+
+
+class _Case(NamedTuple):
+    """A test state with its results and allowed errors."""
+
+    t: float
+    y: tuple[float, ...]
+    results: tuple[float, ...]
+    allowed: tuple[float, ...]
+
+
+def _states(statement: Statement) -> Iterator[tuple[float, tuple[float, ...]]]:
+    sampler = Sampler(statement, seed=1)
+    first = sampler.initial()
+    yield first.t, (*first.q, *first.v)
+    for attempt in range(STATE_DRAWS):
+        point = sampler.point(NEAR_INITIAL_STATE, attempt % 8)
+        yield point.t, (*point.q, *point.v)
+
+
+def _sensitivity(evaluate: Evaluation, t: float, y: tuple[float, ...]) -> float:
+    """Return the largest relative change of a result when the state changes by a rounding error."""
+    moved = tuple(x * (1.0 + (ULP if k % 2 else -ULP)) for k, x in enumerate(y))
+    results, moved_results = evaluate(t, y), evaluate(t, moved)
+    if results is None or moved_results is None:
+        return math.inf
+    changes = [abs(a - b) / abs(a) if a else abs(b) for a, b in zip(results, moved_results, strict=True)]
+    return max((change if math.isfinite(change) else math.inf for change in changes), default=0.0)
+
+
+def _case(
+    program: Program, evaluate: Evaluation, t: float, y: tuple[float, ...], parameters: Sequence[float]
+) -> tuple[_Case, bool] | None:
+    """Return the test at one state, and True if doubles reproduce each result to nearly all digits.
+
+    Return None if the results do not exist in multiple precision or in doubles.
+    """
+    computed = evaluate(t, y)
+    if computed is None or not all(map(math.isfinite, computed)):
+        return None
+    exact = _exact(program, t, y, parameters)
+    if exact is None:
+        return None
+    relative = all(abs(a - b) <= WELL_CONDITIONED * abs(a) for a, b in zip(exact, computed, strict=True))
+    largest = max(map(abs, exact), default=0.0)
+    allowed = tuple(TOLERANCE * (abs(a) if relative and a else largest) for a in exact)
+    return _Case(t, y, exact, allowed), relative
+
+
+def _exact(program: Program, t: float, y: tuple[float, ...], parameters: Sequence[float]) -> tuple[float, ...] | None:
+    """Return the results of a program at a state in multiple precision, or None if one has no value."""
+    try:
+        return tuple(float(value) for value in evaluate(program, t, y, parameters))
+    except NoValue:
+        return None
+
+
+STEP_LENGTH, RUN_LENGTH = 1e-3, 1e-1
+"""Length of the tested step, and of the tested run, as fractions of the scene's duration, or of 1 if that is longer."""
+
+STEP_TOLERANCE = 1e-11
+"""Allowed error of the state after a step or a short run, relative to its largest entry."""
+
+
+def prepared_numbers(preparing: Procedure, size: int, statement: Statement, parameters: Sequence[float]) -> memoryview:
+    """Return the array p (size,) for these parameters, as the procedure `preparing` computes it.
+
+    It has the parameters, then all values that depend on them alone. Raises StatementError if a matrix is singular.
+    """
+    p = memoryview(array("d", [0.0] * max(size, 1)))
+    if loaded(preparing)(memoryview(array("d", [*parameters, 0.0])), p):
+        raise StatementError(
+            f"the mass matrix of {statement.name} is singular in every state with "
+            f"{_zeros(statement, parameters)}: give other values, which the self-test needs."
+        )
+    return p
+
+
+MOST_STARTS = 20  # Number of states from which a step is tried: the initial state, then states near it
+
+
+MOST_TRIES = 50
+"""Largest number of steps in a tested run with error control: Python needs 10 ms a step for 50 bodies."""
+
+
+def step_check(integrator: ExportedIntegrator, p: memoryview, statement: Statement) -> StepCheck:
+    """Return the test of an integrator; the expected result is that of its procedure, run in Python.
+
+    It starts from the initial state, or from a state near it if the step fails there. `p` is the array of values that
+    depend on parameters alone. Raises StatementError if the step fails from every state that is tried.
+    """
+
+    def adaptive(t: float, t_end: float, y: memoryview) -> tuple[Outcome, float]:
+        time = memoryview(array("d", [t]))
+        outcome = Outcome(step(time, t_end, y, p, 1e-13, 1e-13, MOST_TRIES))
+        return outcome, time[0]
+
+    length = min(1.0, statement.run.t_end) * (RUN_LENGTH if integrator.adaptive else STEP_LENGTH)
+    step, outcome = loaded(integrator.procedure), Outcome.DONE
+    for time, first in islice(_states(statement), MOST_STARTS):
+        y = memoryview(array("d", first))
+        if integrator.adaptive:
+            outcome, reached = adaptive(time, time + length, y)
+            if outcome is Outcome.PAUSED and reached > time:
+                # The limit of trial steps was reached: half of that time takes fewer.
+                length = (reached - time) / 2.0
+                y = memoryview(array("d", first))
+                outcome, _ = adaptive(time, time + length, y)
+        else:
+            outcome = Outcome(step(time, length, y, p))
+        if outcome is Outcome.DONE:
+            allowed = STEP_TOLERANCE * max(map(abs, y), default=0.0)
+            return StepCheck(integrator.name, time, length, first, tuple(y), (allowed,) * len(first))
+    raise StatementError(
+        f"{integrator.name} cannot take a step of {statement.name} from its initial state or near it, which the "
+        f"self-test needs ({outcome.name}): state an initial state from which the system can move."
+    )

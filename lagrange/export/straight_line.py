@@ -13,9 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.export.descriptions import ascii_name, distinct, indices
 from lagrange.export.elimination import ROWS, Statements, body, factored, solved
-from lagrange.export.module import ExportedQuantity, SourceModule
+from lagrange.export.module import ExportedQuantity, SourceModule, ascii_name, distinct, indices
 from lagrange.export.target import SOLVED
 from lagrange.graph.derivative_rules import CONDITIONS as FLAGS
 from lagrange.procedure.form import FLAG, REAL

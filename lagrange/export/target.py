@@ -1,21 +1,54 @@
-"""Targets of `System.export`: their base class, and a table to look them up by a name or an alias.
+"""Targets of `System.export`: the table of their names and aliases, and their base class.
 
-`languages/__init__.py` lists the built-in ones; a language is loaded at its first use.
+The module of a target, in the folder `languages`, is loaded at its first use.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from importlib import import_module
+from types import ModuleType
 from typing import Any, ClassVar
 
 from lagrange.errors import StatementError, UnknownKey, listing, shown
-from lagrange.export.descriptions import distinct
-from lagrange.export.languages import ALIASES, TARGETS, load
-from lagrange.export.module import SourceModule
+from lagrange.export.module import SourceModule, distinct
 from lagrange.show.notebook.html_card import table
 from lagrange.statement.display import text_table
 from lagrange.statement.expression import one_of
+
+TARGETS: Mapping[str, str] = {
+    "c": "lagrange.export.languages.c",
+    "fortran": "lagrange.export.languages.fortran",
+    "julia": "lagrange.export.languages.julia",
+    "octave": "lagrange.export.languages.octave",
+    "javascript": "lagrange.export.languages.javascript",
+    "rust": "lagrange.export.languages.rust",
+    "python": "lagrange.export.languages.python",
+    "jax": "lagrange.export.languages.jax",
+    "casadi": "lagrange.export.languages.casadi",
+    "modelica": "lagrange.export.languages.modelica",
+    "fmu": "lagrange.export.languages.fmu",
+}
+"""Module by the name of the target; it is loaded when the target is asked for."""
+
+ALIASES: Mapping[str, str] = {
+    **dict.fromkeys(("c99", "ansi-c", "cpp", "c++", "cxx"), "c"),
+    **dict.fromkeys(("js", "node", "es", "esm"), "javascript"),
+    **dict.fromkeys(("rs",), "rust"),
+    **dict.fromkeys(("numpy", "py"), "python"),
+    **dict.fromkeys(("f90", "f08", "fortran2008"), "fortran"),
+    **dict.fromkeys(("jl",), "julia"),
+    **dict.fromkeys(("matlab", "m"), "octave"),
+    **dict.fromkeys(("fmi", "fmi2", "fmi3"), "fmu"),
+}
+"""Target by alias."""
+
+
+def load(name: str) -> ModuleType:
+    """Return the module of a target, given by its name in `TARGETS`; most programs need none of them."""
+    return import_module(TARGETS[name])
+
 
 QUANTITIES = (
     *("rhs", "accelerations", "energy", "energies", "jacobian", "mass_matrix", "momenta", "multipliers", "positions"),

@@ -14,12 +14,10 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from lagrange.algorithm.linear.symmetric import PIVOT, PREFERENCE
-from lagrange.export.descriptions import TEXT_WIDTH, commented, distinct, named_places, statement_comment
-from lagrange.export.module import SourceModule
-from lagrange.export.programs import Script, marked, test_text
+from lagrange.export.module import TEXT_WIDTH, SourceModule, commented, distinct, named_places, statement_comment
+from lagrange.export.programs import Script, filled, helpers, marked, test_text
 from lagrange.export.straight_line import Language, StraightLinePrinter
 from lagrange.export.target import Target
-from lagrange.export.templates import filled, helpers
 from lagrange.machine.python_source import LITERALS as PYTHON_LITERALS
 from lagrange.machine.python_source import RAISING
 from lagrange.procedure.spelling import Operator

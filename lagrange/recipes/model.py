@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.export.languages import load
+from lagrange.export.target import load
 from lagrange.machine import model as compiled
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.parameters import Parameters, with_zero_inputs

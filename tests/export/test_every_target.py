@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 import lagrange as lg
-from lagrange.export.languages import c_printer, fortran, javascript, julia, octave, python, rust
+from lagrange.export.languages import c, fortran, javascript, julia, octave, python, rust
 from lagrange.export.module import Check
 from lagrange.export.target import find
 from lagrange.program.program import Program
@@ -77,7 +77,7 @@ WORDS = (
     *("a1", "A1", "a_1", "a__1", "M_PI", "NULL", "errno", "stdin", "model", "equation", "der", "time", "parameter"),
     *(f"{stem}{k}" for stem in ("x", "lam", "y", "p", "t", "s", "f", "r") for k in range(20)),
     *keyword.kwlist,
-    *c_printer.RESERVED,
+    *c.RESERVED,
     *fortran.RESERVED,
     *javascript.RESERVED,
     *julia.RESERVED,

@@ -20,12 +20,10 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from lagrange.errors import LagrangeError
-from lagrange.export.descriptions import OUTCOMES, continued, generator, run_of
-from lagrange.export.languages.c import header, numbers, programs, source, statement_comment
-from lagrange.export.languages.c_printer import LITERALS
-from lagrange.export.module import SourceModule
+from lagrange.export.languages.c import LITERALS, header, numbers, programs, source, statement_comment
+from lagrange.export.module import OUTCOMES, SourceModule, continued, generator, run_of
+from lagrange.export.programs import filled
 from lagrange.export.target import Target, register
-from lagrange.export.templates import filled
 
 STATE, DERIVATIVE, PARAMETER, INPUT = "state", "derivative", "parameter", "input"
 RESULT, INDICATOR = "result", "indicator"

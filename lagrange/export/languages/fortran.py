@@ -5,9 +5,10 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.descriptions import (
+from lagrange.export.module import (
     LONGEST_NAME,
     TEXT_WIDTH,
+    SourceModule,
     about_of,
     commented,
     continued,
@@ -17,11 +18,9 @@ from lagrange.export.descriptions import (
     sizes,
     statement_comment,
 )
-from lagrange.export.module import SourceModule
-from lagrange.export.programs import Script, marked, test_text
+from lagrange.export.programs import Script, filled, helpers, marked, test_text, words
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
-from lagrange.export.templates import filled, helpers, words
 from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 

@@ -8,7 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from lagrange.export.descriptions import (
+from lagrange.export.languages.c import OPERATORS as C_OPERATORS
+from lagrange.export.languages.c import BracedPrinter
+from lagrange.export.module import (
+    SourceModule,
     about_of,
     columns,
     commented,
@@ -21,12 +24,8 @@ from lagrange.export.descriptions import (
     statement_comment,
     statuses,
 )
-from lagrange.export.languages.c_printer import OPERATORS as C_OPERATORS
-from lagrange.export.languages.c_printer import BracedPrinter
-from lagrange.export.module import SourceModule
-from lagrange.export.programs import Script, main_text, marked, test_text
+from lagrange.export.programs import Script, filled, main_text, marked, named_helpers, test_text, words
 from lagrange.export.target import Target, register
-from lagrange.export.templates import filled, named_helpers, words
 from lagrange.procedure.form import FLAG, WHOLE, Array, Block, Call, Kind, Let, Part, Procedure, Record, calls, inner
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator

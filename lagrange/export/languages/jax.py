@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from lagrange.export.programs import filled
 from lagrange.export.target import register
-from lagrange.export.templates import filled
 from lagrange.export.traced import ELIMINATION, OPERATORS, Library, TracedTarget, language
 from lagrange.procedure.spelling import Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY

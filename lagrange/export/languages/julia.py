@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from lagrange.export.descriptions import (
+from lagrange.export.module import (
     TEXT_WIDTH,
+    SourceModule,
     about_of,
     commented,
     distinct,
@@ -15,11 +16,9 @@ from lagrange.export.descriptions import (
     statement_comment,
     wrapped,
 )
-from lagrange.export.module import SourceModule
-from lagrange.export.programs import Script, marked, test_text
+from lagrange.export.programs import Script, helpers, marked, test_text, words
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
-from lagrange.export.templates import helpers, words
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 

@@ -6,13 +6,11 @@ import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.descriptions import about_of, commented, distinct, places, plain, statement_comment
 from lagrange.export.elimination import ROWS
-from lagrange.export.module import SourceModule
-from lagrange.export.programs import Script, marked, test_text
+from lagrange.export.module import SourceModule, about_of, commented, distinct, places, plain, statement_comment
+from lagrange.export.programs import Script, filled, helpers, marked, test_text, words
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
-from lagrange.export.templates import filled, helpers, words
 from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 

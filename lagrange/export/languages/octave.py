@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from lagrange.export.descriptions import (
+from lagrange.export.module import (
     LONGEST_NAME,
+    SourceModule,
     about_of,
     commented,
     continued,
@@ -16,11 +17,9 @@ from lagrange.export.descriptions import (
     places,
     statement_comment,
 )
-from lagrange.export.module import SourceModule
-from lagrange.export.programs import Script, marked, test_text
+from lagrange.export.programs import Script, helpers, marked, test_text, words
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import Target, register
-from lagrange.export.templates import helpers, words
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 

@@ -7,7 +7,8 @@ import sys
 from collections.abc import Iterator, Mapping
 
 from lagrange.errors import LagrangeError
-from lagrange.export.descriptions import (
+from lagrange.export.module import (
+    SourceModule,
     about_of,
     ascii_name,
     columns,
@@ -19,10 +20,8 @@ from lagrange.export.descriptions import (
     statement_comment,
     statuses,
 )
-from lagrange.export.module import SourceModule
-from lagrange.export.programs import Script, main_text, marked, test_text
+from lagrange.export.programs import Script, filled, helpers, main_text, marked, test_text
 from lagrange.export.target import Target, register
-from lagrange.export.templates import filled, helpers
 from lagrange.machine.python_source import LITERALS, OPERATORS, Printer
 from lagrange.procedure.form import REAL, Array, Part, Procedure
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
