@@ -150,6 +150,11 @@ class Structure:
         """Name of v.p - L: "energy", or "Jacobi integral" if T is not of second degree in v, as in a rotating frame."""
         return "Jacobi integral" if self.decisions.homogeneous is False else "energy"
 
+    @property
+    def energy_letter(self) -> str:
+        """Letter of v.p - L: J for a Jacobi integral that differs from T + V, else E."""
+        return "J" if self.energy_name == "Jacobi integral" else "E"
+
     def energy_reason(self) -> str:
         """Return the reason why the energy is conserved, if it is, as the beginning of a sentence."""
         if not self.forced:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import operator
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
-import mpmath
 import numpy as np
 from sympy import Symbol
 
@@ -18,77 +16,9 @@ from lagrange.errors import RunError
 from lagrange.evidence import laws
 from lagrange.evidence.laws import ConstraintSurface, DifferenceSteps, Numbers, Sources, StatedConstraints
 from lagrange.evidence.precise import OutsideDomain, Precise
-from lagrange.graph.evaluate import FUNCTIONS, precise
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.kernel.interpreted import Arithmetic
 from lagrange.machine.model import Model
-from lagrange.program.program import Program
 from lagrange.statement.statement import Statement
-
-
-class NoValue(ArithmeticError):
-    """Error: an operation has no real, finite value."""
-
-
-def evaluate(program: Program, t: float, y: Sequence[float], parameters: Sequence[float], digits: int = 40) -> Numbers:
-    """Return the outputs of a program at (t, y), as mpmath numbers of `digits` digits.
-
-    Raises NoValue if a value is not real or not finite, and if the matrix of a linear system is singular.
-    """
-    arithmetic = _arithmetic(digits)
-    number = arithmetic.number
-    try:
-        outputs = arithmetic.evaluate(program, number(t), list(map(number, y)), list(map(number, parameters)))
-    except (ZeroDivisionError, ValueError, OverflowError) as error:
-        raise NoValue("an operation has no value, or a matrix is singular") from error
-    if not all(map(mpmath.isfinite, outputs)):
-        raise NoValue("a result is not finite")
-    return outputs
-
-
-@cache
-def _arithmetic(digits: int) -> Arithmetic:
-    """Return the operations of a program on mpmath numbers of `digits` digits; they raise errors for complex results.
-
-    The operations are functions of the graph module, which also uses mpmath. `lagrange.evidence.precise` does not use
-    graph or program: it evaluates the stated expressions.
-    """
-    context = precise(digits)
-
-    def real(function: Callable[..., Any]) -> Callable[..., Any]:
-        def value(*args: Any) -> Any:
-            result = function(*args)
-            if isinstance(result, context.mpc):
-                raise ValueError("the value is not real")
-            return result
-
-        return value
-
-    def factored(n: int, *lower: Any) -> Any:
-        """Return LU factors and row exchanges of a symmetric matrix; `lower` is its lower triangle by rows."""
-        matrix, entries = context.zeros(n), iter(lower)
-        for i in range(n):
-            for j in range(i + 1):
-                matrix[i, j] = matrix[j, i] = next(entries)
-        return context.LU_decomp(matrix)
-
-    def solved(_: int, factors: Any, *right: Any) -> Numbers:
-        """Return the solution of a linear system with the right-hand side `right`; `factors` are from `factored`."""
-        matrix, exchanges = factors
-        return list(context.U_solve(matrix, context.L_solve(matrix, context.matrix(right), exchanges)))
-
-    operations: dict[str, Callable[..., Any]] = {
-        **{name: partial(function, context) for name, function in FUNCTIONS.items()},
-        **{name: getattr(operator, name) for name in ("neg", "add", "sub", "mul")},
-        "sqrt": context.sqrt,
-        "power": context.power,
-        "div": operator.truediv,
-        "fma": lambda a, b, c: a * b + c,
-        "select": lambda c, a, b: a if c else b,
-    }
-    systems: dict[str, Callable[..., Any]] = {"factor": factored, "solve": solved}
-    return Arithmetic({name: real(function) for name, function in operations.items()}, context.mpf, object, systems)
-
 
 GUARD = 14
 """Number of guard digits, in addition to the digits that the differences lose."""

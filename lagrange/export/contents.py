@@ -39,12 +39,12 @@ from lagrange.procedure.rewrite import Pruner, bound
 from lagrange.program.program import Program
 from lagrange.program.step import LAWS, StepProgram
 from lagrange.show.files.atomic_file import real_path, write_together
-from lagrange.show.units import energy_unit, length_unit, unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.event import Event, declare_events
 from lagrange.statement.expression import entries, refusing_deep
 from lagrange.statement.given.function import open_functions
 from lagrange.statement.parameters import label_of, table_of
+from lagrange.statement.statement import energy_unit, length_unit, unit_of
 from lagrange.trajectory.constraints.consistent import complete_start
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.splitting import check_separable
@@ -127,7 +127,7 @@ def _refuse(
         if step_of(name).law == "accelerations":
             check_separable(name, model)
     title = model.statement.name
-    if "multipliers" in names and not len(model.equations.constraints):
+    if "multipliers" in names and not model.equations.constraints.names:
         raise StatementError(f"{title} has no constraints, and so no multipliers: leave them out of contents.")
     if "positions" in names and not model.statement.positions:
         raise StatementError(
@@ -223,7 +223,7 @@ def module_of(
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
     state = statement.state_names
     programs = {name: _program(name, model, events) for name in requested.quantities}
-    projected = (bool(requested.methods) or requested.taylor) and len(model.equations.constraints) > 0
+    projected = (bool(requested.methods) or requested.taylor) and bool(model.equations.constraints.names)
     called = [*(LAWS[step.law].quantity for _, step in requested.methods), *(["projection"] if projected else [])]
     every = programs | {name: model.law(name).program for name in called}
     alone = divisors(model) if any(name in SOLVED for name in programs) else None
@@ -250,7 +250,7 @@ def module_of(
     p = prepared_numbers(preparing, size, statement, values)
     procedures |= {name: prune(procedures[name]) for name in programs}
     quantities = _quantities(model, programs, procedures)
-    about = MASS + GRADIENT * (len(model.equations.constraints) > 0)
+    about = MASS + GRADIENT * bool(model.equations.constraints.names)
     return SourceModule(
         name=ascii_name(statement.name).lower(),
         statement=(*statement_lines(statement, events), *wrapped(about, COMMENT_WIDTH)),

@@ -19,10 +19,9 @@ from lagrange.procedure.form import Array, Procedure, Record, ReserveRecord, inn
 from lagrange.program.program import Instruction, Program
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.text import Notation
-from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.event import Event
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import Statement, unit_of
 from lagrange.statement.vocabulary.letters import GREEK
 
 

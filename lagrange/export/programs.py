@@ -6,19 +6,21 @@ The same code fills in both programs for all languages, from the texts in the fo
 from __future__ import annotations
 
 import math
+import operator
 import re
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files as resources
 from itertools import chain, islice
 from string import Template
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import mpmath
 
 from lagrange.algorithm.constants import Outcome
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.precise_run import NoValue, evaluate
 from lagrange.export.module import (
     OUTCOMES,
     TEST,
@@ -31,6 +33,8 @@ from lagrange.export.module import (
     number_lines,
     run_of,
 )
+from lagrange.graph.evaluate import FUNCTIONS, precise
+from lagrange.machine.kernel.interpreted import Arithmetic
 from lagrange.machine.python_source import loaded
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.spelling import Literals
@@ -287,6 +291,71 @@ def _zeros(statement: Statement, parameters: Sequence[float]) -> str:
         f"{parameter.name} = 0" for parameter, value in zip(statement.parameters, parameters, strict=True) if not value
     ]
     return listing(zeros) if zeros else "these parameters"
+
+
+class NoValue(ArithmeticError):
+    """Error: an operation has no real, finite value."""
+
+
+def evaluate(
+    program: Program, t: float, y: Sequence[float], parameters: Sequence[float], digits: int = 40
+) -> list[Any]:
+    """Return the outputs of a program at (t, y), as mpmath numbers of `digits` digits.
+
+    Raises NoValue if a value is not real or not finite, and if the matrix of a linear system is singular.
+    """
+    arithmetic = _arithmetic(digits)
+    number = arithmetic.number
+    try:
+        outputs = arithmetic.evaluate(program, number(t), list(map(number, y)), list(map(number, parameters)))
+    except (ZeroDivisionError, ValueError, OverflowError) as error:
+        raise NoValue("an operation has no value, or a matrix is singular") from error
+    if not all(map(mpmath.isfinite, outputs)):
+        raise NoValue("a result is not finite")
+    return outputs
+
+
+@cache
+def _arithmetic(digits: int) -> Arithmetic:
+    """Return the operations of a program on mpmath numbers of `digits` digits; they raise errors for complex results.
+
+    The operations are functions of the graph module, which also uses mpmath.
+    """
+    context = precise(digits)
+
+    def real(function: Callable[..., Any]) -> Callable[..., Any]:
+        def value(*args: Any) -> Any:
+            result = function(*args)
+            if isinstance(result, context.mpc):
+                raise ValueError("the value is not real")
+            return result
+
+        return value
+
+    def factored(n: int, *lower: Any) -> Any:
+        """Return LU factors and row exchanges of a symmetric matrix; `lower` is its lower triangle by rows."""
+        matrix, entries = context.zeros(n), iter(lower)
+        for i in range(n):
+            for j in range(i + 1):
+                matrix[i, j] = matrix[j, i] = next(entries)
+        return context.LU_decomp(matrix)
+
+    def solved(_: int, factors: Any, *right: Any) -> list[Any]:
+        """Return the solution of a linear system with the right-hand side `right`; `factors` are from `factored`."""
+        matrix, exchanges = factors
+        return list(context.U_solve(matrix, context.L_solve(matrix, context.matrix(right), exchanges)))
+
+    operations: dict[str, Callable[..., Any]] = {
+        **{name: partial(function, context) for name, function in FUNCTIONS.items()},
+        **{name: getattr(operator, name) for name in ("neg", "add", "sub", "mul")},
+        "sqrt": context.sqrt,
+        "power": context.power,
+        "div": operator.truediv,
+        "fma": lambda a, b, c: a * b + c,
+        "select": lambda c, a, b: a if c else b,
+    }
+    systems: dict[str, Callable[..., Any]] = {"factor": factored, "solve": solved}
+    return Arithmetic({name: real(function) for name, function in operations.items()}, context.mpf, object, systems)
 
 
 class _Case(NamedTuple):

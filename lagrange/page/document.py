@@ -22,9 +22,8 @@ from lagrange.machine.model import Model
 from lagrange.show.figures.paths import AZIMUTH, ELEVATION, spring
 from lagrange.show.figures.style import DARK, LIGHT, NAMED_POINTS, FigureStyle, colours, point_look
 from lagrange.show.notation.text import UnicodeNotation, plain_text
-from lagrange.show.units import energy_unit, length_unit, unit_of
 from lagrange.statement.declare import ORIGIN
-from lagrange.statement.statement import Statement, corners
+from lagrange.statement.statement import Statement, corners, energy_unit, length_unit, unit_of
 from lagrange.trajectory.measures.times_and_points import fixed_points
 
 TARGET = "javascript"

@@ -42,7 +42,6 @@ from lagrange.show.figures.style import style_of
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notation.sections import Formula, Section, sections
 from lagrange.show.notation.text import plain_text
-from lagrange.show.units import energy_letter, unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import entries, flag, real_number
@@ -50,7 +49,7 @@ from lagrange.statement.given.function import require_values
 from lagrange.statement.parameters import label_of, table_of
 from lagrange.statement.rotation import quaternion_rows, rotation_of, symbols_of_entries
 from lagrange.statement.space import body_rates
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import Statement, unit_of
 from lagrange.trajectory.constraints.consistent import complete_start
 from lagrange.trajectory.solution import Solution
 
@@ -358,7 +357,7 @@ def page_of(
     page_sliders = sliders(model, values, tuple(start.tolist()), slider_bounds)
     script, page_parameters = motion_script(model, parameters)
     energies = ENERGIES[: 1 if statement.lagrangian_alone else 3]
-    data = description(statement, rate_of(end), energies, energy_letter(model.equations))
+    data = description(statement, rate_of(end), energies, model.equations.structure.energy_letter)
     data |= {
         "parameters": list(page_parameters),
         "initial": start.tolist(),

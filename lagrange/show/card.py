@@ -13,10 +13,10 @@ from lagrange.mechanics.conserved import drift_lines
 from lagrange.show.files.run_files import finite
 from lagrange.show.notebook.html_card import image, pairs
 from lagrange.show.terminal import duration
-from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.display import text_table
 from lagrange.statement.rotation import quaternion_rows
+from lagrange.statement.statement import unit_of
 from lagrange.trajectory.solution import Solution
 
 MOST_CHANGES = 3  # Number of parameter changes on the card; `solution.parameter_changes` has all of them

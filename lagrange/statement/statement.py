@@ -1,4 +1,4 @@
-"""Frozen dataclasses: the statement of a system, a link between two of its points, and one of its constraints."""
+"""Frozen dataclasses: the statement of a system, a link between two points, a constraint; and the units of values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lagrange.statement.expression import in_full, is_shorthand
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.rotation import in_body_rates, rotation_of
 from lagrange.statement.run_settings import RunSettings
-from lagrange.statement.units.dimension import Dimension
+from lagrange.statement.units.dimension import Dimension, named, read_dimension
 
 ROD, SPRING, EDGE = "rod", "spring", "edge"
 KINDS = (ROD, SPRING, EDGE)
@@ -305,3 +305,62 @@ class Statement:
             expression = expression.subs({in_full(f): f for f in (*each.matrix, *each.body, *each.space)})
         names = {f: Symbol(name_of(f)) for f in expression.atoms(AppliedUndef) if is_shorthand(f)}
         return formula(expression.xreplace({**self.plain, **names}), most)
+
+
+# --- units of displayed values, if the dimensions of the system were stated with units
+
+
+def has_units(statement: Statement) -> bool:
+    """Return True if any symbol was stated with a unit."""
+    return any(dimension.unit for dimension in statement.dimensions.values())
+
+
+def unit_of(statement: Statement, name: str) -> str:
+    """Return the unit of a coordinate, a velocity such as x_dot, a parameter, or t; empty if it is not known."""
+    if not has_units(statement):
+        return ""
+    if name == "t":
+        return statement.dimensions[t].unit or "s"
+    symbols = {symbol.name: symbol for symbol in statement.parameters}
+    symbols |= dict(zip(statement.names, statement.coordinates, strict=True))
+    base = name if name in symbols else name.removesuffix("_dot")
+    unit = _unit(statement, statement.dimensions.get(symbols[base]) if base in symbols else None)
+    return f"{unit}/{unit_of(statement, 't')}" if unit and base != name else unit
+
+
+def length_unit(statement: Statement) -> str:
+    """Return the unit of positions: the stated unit of a length, or that of a coordinate which is a length."""
+    if not has_units(statement):
+        return ""
+    length = named("length")
+    coordinates = (statement.dimensions.get(q) for q in statement.coordinates)
+    units = [_unit(statement, length), *(_unit(statement, q) for q in coordinates if q and q.like(length))]
+    return next(filter(None, units), "")
+
+
+def energy_unit(statement: Statement) -> str:
+    """Return the unit of energies: a stated one, J, or a product of the stated units of mass, length and time."""
+    if not has_units(statement):
+        return ""
+    stated = _unit(statement, named("energy"))
+    mass, length, time = _unit(statement, named("mass")), length_unit(statement), unit_of(statement, "t")
+    if stated or not (mass and length):
+        return stated
+    product = read_dimension(f"{mass}*{length}**2/{time}**2", "the unit of energy")
+    return "J" if product.fits(named("joule")) else f"{mass}·{length}²/{time}²"
+
+
+def _unit(statement: Statement, dimension: Dimension | None) -> str:
+    """Return the unit of a dimension: the stated one, rad for an angle, else a unit with the same dimension.
+
+    The latter is a unit that was stated for another symbol, or a common one such as cm. "" means that none fits.
+    """
+    if dimension is None or dimension.unit:
+        return "" if dimension is None else dimension.unit
+    if not dimension.exponents:
+        return "rad"
+    stated = [known.unit for known in statement.dimensions.values() if known.unit and known.fits(dimension)]
+    if stated or dimension.factor is None:
+        return next(iter(stated), "")
+    # A unit that follows from others, such as cm from cm/s**2.
+    return next((name for name in ("m", "cm", "mm", "km", "ft", "kg", "g", "s") if named(name).fits(dimension)), "")

@@ -11,7 +11,8 @@ from sympy import Abs, cos
 
 from lagrange.compiler import machine, model_of
 from lagrange.errors import RunError
-from lagrange.evidence.precise_run import NoValue, evaluate, precise_run
+from lagrange.evidence.precise_run import precise_run
+from lagrange.export.programs import NoValue, evaluate
 from lagrange.machine.model import Model
 from lagrange.program.program import Instruction, Program, ProgramBlock
 from lagrange.statement.coordinate import t

@@ -18,8 +18,8 @@ import sympy
 from sympy import erf, sin, sqrt
 
 import lagrange as lg
-from lagrange.evidence.precise_run import evaluate
 from lagrange.export.contents import contents_of, module_of, names_of
+from lagrange.export.programs import evaluate
 from lagrange.export.straight_line import with_outputs
 from lagrange.export.target import REGISTERED, Target, find, register, target_names
 from tests.export.systems import named

@@ -26,11 +26,11 @@ from lagrange.show.figures.style import (
     new_figure,
     of_figure,
     point_look,
+    with_unit,
 )
 from lagrange.show.notation.text import plain_text
-from lagrange.show.units import energy_unit, length_unit, unit_of, with_unit
 from lagrange.statement.expression import real_number, whole_number
-from lagrange.statement.statement import EDGE, SPRING, corners
+from lagrange.statement.statement import EDGE, SPRING, corners, energy_unit, length_unit, unit_of
 from lagrange.trajectory.measures.times_and_points import fixed_points
 from lagrange.trajectory.trajectory import FloatArray
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.interpolated_states import known_alone, states_for_pictures
-from lagrange.show.units import energy_letter
 from lagrange.statement.expression import positive_number, real_number
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.measures.times_and_points import points_at
@@ -197,7 +196,7 @@ def recording_of(solution: Solution, timing: Timing) -> Recording:
     change = (energies["E"] - energies["E"][0]) / (size or 1.0) if energies else np.empty(0)
     kept = bool(energies) and bool(solution.drift.conserved)
     jumps = _jumps(solution, t)
-    letter = energy_letter(solution.model.equations)
+    letter = solution.model.equations.structure.energy_letter
     return Recording(
         statement=solution.model.statement,
         t=t,

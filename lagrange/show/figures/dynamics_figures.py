@@ -27,12 +27,21 @@ from lagrange.show.figures.panel import (
     turned_lines,
 )
 from lagrange.show.figures.paths import spring, view_of
-from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, mixed, new_figure, on_paper, style_of
+from lagrange.show.figures.style import (
+    FigureStyle,
+    angle_ticks,
+    colours,
+    dress,
+    mixed,
+    new_figure,
+    on_paper,
+    style_of,
+    with_unit,
+)
 from lagrange.show.notation.latex_mathml import LatexNotation
-from lagrange.show.units import unit_of, with_unit
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.expression import real_number
-from lagrange.statement.statement import SPRING, Statement, corners
+from lagrange.statement.statement import SPRING, Statement, corners, unit_of
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 

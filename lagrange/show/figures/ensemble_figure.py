@@ -15,9 +15,9 @@ from lagrange.errors import StatementError, listing
 from lagrange.members.results import DRIFT, INTERRUPTED, OUTPUTS, STATE, STATUS, STATUSES, TIME, end_row, event_times
 from lagrange.members.table import MemberNumbers
 from lagrange.show.figures.panel import label_of_entry, panel_on, say_below
-from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, of_figure, style_of
+from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, of_figure, style_of, with_unit
 from lagrange.show.notation.latex_mathml import LatexNotation
-from lagrange.show.units import unit_of, with_unit
+from lagrange.statement.statement import unit_of
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:

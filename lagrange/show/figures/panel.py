@@ -40,15 +40,15 @@ from lagrange.show.figures.style import (
     new_figure,
     of_figure,
     on_paper,
+    with_unit,
 )
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex_mathml import LatexNotation
 from lagrange.show.notation.text import Notation, upright
-from lagrange.show.units import energy_letter, energy_unit, unit_of, with_unit
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.expression import as_typed
 from lagrange.statement.expression import expression as expression_of
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import Statement, energy_unit, unit_of
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -112,7 +112,7 @@ def energies(solution: Solution) -> PanelQuantity:
     parts = {} if statement.lagrangian_alone else {"T": statement.kinetic, "V": statement.potential}
     return PanelQuantity(
         "energies" if parts else "energy",
-        tuple(f"${name}$" for name in (*parts, energy_letter(solution.model.equations))),
+        tuple(f"${name}$" for name in (*parts, solution.model.equations.structure.energy_letter)),
         lambda run: np.array([*map(run.evaluate, parts.values()), run.energy]),
         energy_unit(statement),
     )
@@ -123,7 +123,7 @@ def energy(solution: Solution) -> PanelQuantity:
 
     The quantity has no row if the energy has no value at some state.
     """
-    letter = energy_letter(solution.model.equations)
+    letter = solution.model.equations.structure.energy_letter
     if not solution.has_energy:
         return PanelQuantity(
             "energy: it has no value at some state of the run", (), lambda run: np.empty((0, len(run.t)))

@@ -30,10 +30,10 @@ from lagrange.show.figures.style import (
     mixed,
     number_labels,
     point_look,
+    with_unit,
 )
-from lagrange.show.units import length_unit, with_unit
 from lagrange.statement.declare import ORIGIN
-from lagrange.statement.statement import EDGE, SPRING, Link, corners
+from lagrange.statement.statement import EDGE, SPRING, Link, corners, length_unit
 from lagrange.trajectory.measures.times_and_points import fixed_points, points_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray

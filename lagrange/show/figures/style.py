@@ -319,3 +319,8 @@ def size_of(size: Any) -> tuple[float, float]:
     if sides.shape != (2,) or not ((sides >= 1.0) & (sides <= _LONGEST)).all():
         raise StatementError(f"size = {shown(size)}: give (width, height) in inches, each from 1 to {_LONGEST:g}.")
     return float(sides[0]), float(sides[1])
+
+
+def with_unit(label: str, unit: str) -> str:
+    """Return a label followed by its unit in parentheses."""
+    return f"{label} ({unit})" if unit else label

@@ -25,11 +25,10 @@ from lagrange.show.notebook.page_writer import (
     operations,
 )
 from lagrange.show.terminal import DETAILS, FORMATS, terminal_style
-from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.display import announced
 from lagrange.statement.expression import one_of, text
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import Statement, unit_of
 
 SYSTEM_INSTEAD = "`print(system.derivation())` has it as text, `system.equations()` and the like as SymPy expressions."
 
