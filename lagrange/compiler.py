@@ -38,7 +38,7 @@ from lagrange.recipes.model import Model
 from lagrange.show.files.loaded_run import loaded_run
 from lagrange.statement.display import announced
 from lagrange.statement.expression import one_of
-from lagrange.statement.given.function import require_formulas, with_inputs
+from lagrange.statement.given.function import with_inputs
 from lagrange.statement.run_settings import PreparationTooLongError, check_time
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection
@@ -108,8 +108,8 @@ def model_of(statement: Statement, on: Machine, equations: Equations | None = No
     Given functions of time without values become inputs. `equations` are the equations of the statement; with inputs
     they are derived again. Raises StatementError for undefined functions of coordinates.
     """
-    require_formulas(statement)
-    statement = with_solved_multipliers(with_inputs(statement))
+    statement.require_formulas()
+    statement = with_solved_multipliers(with_inputs(statement) if statement.given else statement)
     laws = allowed_equations(statement, reached) if equations is None or statement.inputs else equations
     if statement.inputs:
         statement, laws = with_needed_inputs(statement, laws)

@@ -17,7 +17,6 @@ from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notation.sections import ShownQuantity
 from lagrange.show.notebook.page_writer import EquationList, ExpressionDict
 from lagrange.show.notebook.shown_derivation import ShownDerivation, system_page, written_derivation
-from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
 from lagrange.statement.display import announced
@@ -389,7 +388,7 @@ class System:
         coordinates are kept. Raises StatementError where a constraint does not determine the coordinate: it must be
         linear in the coordinate, with a coefficient that never vanishes.
         """
-        check_without_contacts(self.statement.contacts, "eliminate()")
+        self.statement.check_without_contacts("eliminate()")
         from lagrange.mechanics.reduction import reduced
 
         return self.from_statement(reduced(self.statement, coordinates))
@@ -413,7 +412,7 @@ class System:
         because elsewhere the accelerations are right at the point alone. Raises StatementError where no expansion
         exists: at corners and poles, off the constraints, and where a coordinate loses its inertia.
         """
-        check_without_contacts(self.statement.contacts, "small()")
+        self.statement.check_without_contacts("small()")
         from lagrange.mechanics.expansion import small
 
         return self.from_statement(small(self._known, about, order))
@@ -531,7 +530,7 @@ class System:
         only, which `.note` reports. They are tested against the Jacobian of the compiled model. Raises StatementError
         for a point that is off the constraints or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
         """
-        check_without_contacts(self.statement.contacts, "linearize()")
+        self.statement.check_without_contacts("linearize()")
         from lagrange.mechanics.linearization import linearized
 
         return linearized(self, at, inputs)
@@ -555,7 +554,7 @@ class System:
         `at` is the equilibrium, as in `linearize`: expressions in the parameters, or decimals for the first value, from
         which it is followed. Raises StatementError if it exists at no value.
         """
-        check_without_contacts(self.statement.contacts, "eigenvalues()")
+        self.statement.check_without_contacts("eigenvalues()")
         from lagrange.mechanics.stability import eigenvalue_path
 
         return eigenvalue_path(self._known, parameter, values, at, self._model)
@@ -579,9 +578,13 @@ class System:
 
     @property
     def _model(self) -> Model:
-        """The model compiled for numpy. Raises StatementError for a system with contacts."""
-        check_without_contacts(self.statement.contacts, "this result")
-        return self.compile("numpy", check=False)
+        """The model for numpy, with kernels compiled at first use. Raises StatementError for a system with contacts."""
+        from lagrange.compiler import machine, model_of
+
+        self.statement.check_without_contacts("this result")
+        if "numpy" not in self._models:
+            self._models["numpy"] = model_of(self.statement, machine("numpy"), self.laws)
+        return self._models["numpy"]
 
 
 def _from_text(text: str) -> System:

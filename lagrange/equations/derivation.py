@@ -6,8 +6,9 @@ They are derived independently of the compiled graph.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -16,6 +17,7 @@ from sympy import (
     Add,
     Dummy,
     Eq,
+    Function,
     Heaviside,
     ImmutableDenseMatrix,
     Max,
@@ -24,6 +26,7 @@ from sympy import (
     Piecewise,
     Rational,
     S,
+    default_sort_key,
     expand,
     factor_terms,
     fraction,
@@ -36,7 +39,7 @@ from lagrange.equations.terms import MonomialSum, TooLargeError, common_factor
 from lagrange.equations.textbook_algebra import BUDGET, TextbookAlgebra
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import acceleration_of, multiplier, t
-from lagrange.statement.given.function import with_named_tables
+from lagrange.statement.given.motion import OVERHANG, table_range
 from lagrange.statement.statement import Statement, corners
 
 HALF = Rational(1, 2)
@@ -140,7 +143,7 @@ class Derivation:
 
     def with_named_tables(self) -> tuple[Derivation, tuple[str, ...]]:
         """Return the derivation with each table of values written as S(argument), and a sentence on each table."""
-        statement, sentences = with_named_tables(self.statement)
+        statement, sentences = _with_named_tables(self.statement)
         return (derive(statement, self._page.positive) if sentences else self), sentences
 
     @cached_property
@@ -407,3 +410,34 @@ def _by_terms(expression: Any) -> Any:
     Example: m*(2*a + 2*b)/2 becomes m*(a + b).
     """
     return Add(*map(factor_terms, Add.make_args(expression)))
+
+
+TABLE_LETTER = "S"  # Letter of a table; several tables are S1, S2
+
+
+def _with_named_tables(statement: Statement) -> tuple[Statement, tuple[str, ...]]:
+    """Return the statement with each table of measured values replaced by a function with a name, such as S(x).
+
+    The second result has a sentence on each such function.
+    """
+    expressions = (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)
+    expressions += tuple(constraint.expression for constraint in statement.constraints)
+    nodes = [sorted(expression.atoms(Piecewise), key=default_sort_key) for expression in expressions]
+    tables = [(node, bounds) for node in dict.fromkeys(chain(*nodes)) if (bounds := table_range(node))]
+    if not tables:
+        return statement, ()
+    taken = {*statement.names, *(p.name for p in statement.parameters)}
+    names = (
+        [TABLE_LETTER]
+        if len(tables) == 1 and TABLE_LETTER not in taken
+        else [f"{TABLE_LETTER}{i + 1}" for i in range(len(tables))]
+    )
+    named: dict[Any, Any] = {}
+    sentences = []
+    for name, (table, (argument, low, high)) in zip(names, tables, strict=True):
+        named[table] = Function(name, real=True)(argument)
+        knots = [float(pair.cond.rhs) for pair in table.args[0].expr.args[:-1]]
+        first, last = ((end + OVERHANG * knot) / (1 + OVERHANG) for end, knot in ((low, knots[0]), (high, knots[-1])))
+        sentences.append(f"{name} is a table of {len(knots) + 2} points from {first:.6g} to {last:.6g}.")
+    written = statement.mapped(lambda expression: expression.xreplace(named))
+    return replace(written, unknown=(*statement.unknown, *named.values())), tuple(sentences)

@@ -124,23 +124,26 @@ def _piecewise(_: int) -> Operation:
     return select
 
 
-_NUMERIC: dict[Any, Callable[[int], Operation]] = {
-    sympy.Add: lambda prec: lambda *terms: libmp.mpf_sum(terms, prec, "n"),
-    sympy.Mul: _multiply,
-    **{elementary.symbolic: _unary(elementary.precise, elementary.spread) for elementary in ELEMENTARY.values()},
-    sympy.cot: _reciprocal(libmp.mpf_tan),
-    sympy.sec: _reciprocal(libmp.mpf_cos),
-    sympy.csc: _reciprocal(libmp.mpf_sin),
-    sympy.atan2: _atan2,
-    sympy.log: _log,
-    sympy.sinc: _unary(_sinc, "periodic"),
-    sympy.Heaviside: lambda _: _heaviside,
-    sympy.Abs: lambda _: libmp.mpf_abs,
-    sympy.sign: lambda _: lambda x: libmp.from_int(libmp.mpf_sign(x)),
-    sympy.Min: lambda _: lambda *xs: reduce(lambda a, b: a if libmp.mpf_lt(a, b) else b, xs),
-    sympy.Max: lambda _: lambda *xs: reduce(lambda a, b: a if libmp.mpf_gt(a, b) else b, xs),
-    sympy.Piecewise: _piecewise,
-}
+@cache
+def _numeric() -> Mapping[Any, Callable[[int], Operation]]:
+    """Return the operation of each SymPy class, for a precision in bits."""
+    return {
+        sympy.Add: lambda prec: lambda *terms: libmp.mpf_sum(terms, prec, "n"),
+        sympy.Mul: _multiply,
+        **{elementary.symbolic: _unary(elementary.precise, elementary.spread) for elementary in ELEMENTARY.values()},
+        sympy.cot: _reciprocal(libmp.mpf_tan),
+        sympy.sec: _reciprocal(libmp.mpf_cos),
+        sympy.csc: _reciprocal(libmp.mpf_sin),
+        sympy.atan2: _atan2,
+        sympy.log: _log,
+        sympy.sinc: _unary(_sinc, "periodic"),
+        sympy.Heaviside: lambda _: _heaviside,
+        sympy.Abs: lambda _: libmp.mpf_abs,
+        sympy.sign: lambda _: lambda x: libmp.from_int(libmp.mpf_sign(x)),
+        sympy.Min: lambda _: lambda *xs: reduce(lambda a, b: a if libmp.mpf_lt(a, b) else b, xs),
+        sympy.Max: lambda _: lambda *xs: reduce(lambda a, b: a if libmp.mpf_gt(a, b) else b, xs),
+        sympy.Piecewise: _piecewise,
+    }
 
 
 def _decided(parts: Sequence[Any], *, verdict: bool) -> Any:
@@ -408,8 +411,8 @@ class _Recorder:
         numeric = operation is None
         if operation is None and isinstance(node, sympy.Pow):
             operation = _power(node.exp, self.prec)
-        elif operation is None and type(node) in _NUMERIC:
-            operation = _NUMERIC[type(node)](self.prec)
+        elif operation is None and type(node) in _numeric():
+            operation = _numeric()[type(node)](self.prec)
         elif operation is None:
             raise OutsideDomain(f"{type(node).__name__} cannot be evaluated here")
         for argument in arguments:

@@ -12,7 +12,6 @@ import numpy as np
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.evidence.precise_run import precise_run
 from lagrange.machine.model import Model, Stated
-from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.expression import flag, positive_number, real_array, real_number
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.methods.registry import find
@@ -282,7 +281,7 @@ def trust_horizon(
     Raises StatementError for invalid arguments, and RunError if fewer than two comparison runs succeed.
     """
     model = compiled(system, "double-pendulum")
-    check_without_contacts(model.statement.contacts, "the horizon of trust")
+    model.statement.check_without_contacts("the horizon of trust")
     allowed = positive_number(error, "error", "give a positive one, such as 1e-3")
     relative = flag(relative, "relative")
     t0, t1 = span_or_end(span)

@@ -11,10 +11,9 @@ import numpy as np
 
 from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
-from lagrange.statement.contact import friction_names
 from lagrange.statement.expression import DOUBLE, real_array
 from lagrange.statement.parameters import label_of, parameter_values, table_of
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import Statement, friction_names
 
 Parameters = Mapping[Any, Any] | FloatArray | None
 """Parameters as a user gives them: a dict that replaces defaults, or all values as `parameter_array` returns them.

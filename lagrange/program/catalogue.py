@@ -344,7 +344,7 @@ state [q, v] onto the constraints, with the violation before and after.
 
 def quantities_of(equations: Equations) -> dict[str, Quantity]:
     """Return the quantities that a system offers, by name; those of constraints only if it has constraints."""
-    return {**QUANTITIES, **(CONSTRAINT_QUANTITIES if len(equations.stated) else {})}
+    return {**QUANTITIES, **(CONSTRAINT_QUANTITIES if equations.stated.names else {})}
 
 
 def program_of(name: str, equations: Equations) -> Program:

@@ -18,7 +18,6 @@ from lagrange.machine.parameters import Parameters, with_zero_inputs
 from lagrange.machine.python_source import defined
 from lagrange.recipes.scipy import ScipyProblem, input_functions
 from lagrange.recipes.sympy import SympyForm, sympy_form
-from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.event import declare_events
 from lagrange.statement.expression import flag, one_of
 
@@ -101,7 +100,7 @@ class Model(compiled.Model):
         one for each name in `model.inputs`. Raises StatementError for invalid arguments; the functions raise
         RunError where the mass matrix is singular.
         """
-        check_without_contacts(self.statement.contacts, "as_scipy()")
+        self.statement.check_without_contacts("as_scipy()")
         declared = declare_events(events, self.statement, constant="as_scipy")
         functions = input_functions(self, inputs)
         values = self.parameter_array(with_zero_inputs(self.statement, parameters)).copy()
@@ -112,7 +111,7 @@ class Model(compiled.Model):
 
         They call the machine code of this model. Raises StatementError without Numba, and on the numpy target.
         """
-        check_without_contacts(self.statement.contacts, "as_numba()")
+        self.statement.check_without_contacts("as_numba()")
         kernel: Any = self.kernel(quantity)
         address = kernel.address
         try:
@@ -159,7 +158,7 @@ class Model(compiled.Model):
         where a mass matrix is singular. `.checked(t, y, p)` returns the result, and True if a mass matrix is singular.
         `.source` is the code. Raises StatementError without JAX, and where JAX computes in single precision.
         """
-        check_without_contacts(self.statement.contacts, "as_jax()")
+        self.statement.check_without_contacts("as_jax()")
         program = self.interpreted(quantity).program
         try:
             import jax
@@ -181,7 +180,7 @@ class Model(compiled.Model):
         where a mass matrix is singular. With `status` there is a second result, 1 where a mass matrix is singular and 0
         elsewhere. Raises StatementError without CasADi.
         """
-        check_without_contacts(self.statement.contacts, "as_casadi()")
+        self.statement.check_without_contacts("as_casadi()")
         program = self.interpreted(quantity).program
         one_of(symbols, SYMBOLS, "{given} is not a kind of CasADi's symbols: they are {known}.")
         try:
@@ -198,5 +197,5 @@ class Model(compiled.Model):
         Linear systems are eliminated in the order of the coordinates: where a pivot is zero, the formulas divide by
         zero.
         """
-        check_without_contacts(self.statement.contacts, "as_sympy()")
+        self.statement.check_without_contacts("as_sympy()")
         return sympy_form(self, quantity)

@@ -29,7 +29,6 @@ from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.notebook.page_writer import ExpressionTuple
-from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.display import LINES, counter, text_table
 from lagrange.statement.expression import flag, flag_or_word, positive_number, real_number, whole_number
 from lagrange.statement.statement import Statement
@@ -373,7 +372,7 @@ def _runs(
     if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):
         rtol = default_rtol
     model = compiled(system, "pendulum", progress=flag_or_word(progress, "progress", LINES))
-    check_without_contacts(model.statement.contacts, "a portrait, section or sweep")
+    model.statement.check_without_contacts("a portrait, section or sweep")
     options = RunOptions(method, rtol, None, step, max_steps=max_steps)
     check_options(step, rtol)
     if method is not None:

@@ -23,7 +23,6 @@ from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically, write_rows, write_together
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
-from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.display import text_table
 from lagrange.statement.expression import positive_number, real_number
 from lagrange.trajectory.run import compiled
@@ -375,7 +374,7 @@ def race(
     arguments, RunError if the run has no end to compare, or there is no reference.
     """
     statement = stated(system, "kepler")
-    check_without_contacts(statement.contacts, "a race")
+    statement.check_without_contacts("a race")
     end = real_number(statement.run.t_end if t_end is None else t_end, "t_end")
     span = (0.0, end)
     settings = work_precision.race_settings(

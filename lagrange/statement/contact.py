@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -120,11 +120,6 @@ def contact(gap: Any, slip: Any = None, restitution: Any = 0, friction: Any = 0)
     return stated
 
 
-def friction_names(contacts: Sequence[Contact]) -> frozenset[str]:
-    """Return the names of the parameters that are coefficients of friction by themselves."""
-    return frozenset(mu.name for each in contacts for mu in each.friction if mu.is_Symbol)
-
-
 def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str, Contact]:
     """Return a contact without friction for each pair of balls, by names such as "a_b", for `contacts=` of a System.
 
@@ -232,13 +227,3 @@ def _check(stated: Contact, survey: Survey) -> None:
         survey.add(plain, what)
     for expressed in (stated.gap, *stated.slip):
         survey.add(expressed, f"the contact {stated.name!r}")
-
-
-def check_without_contacts(contacts: tuple[Contact, ...], what: str) -> None:
-    """Raise StatementError for a system with contacts; `what` names the result that needs a motion without impacts."""
-    if contacts:
-        names = listing(repr(each.name) for each in contacts)
-        raise StatementError(
-            f"the system has contacts ({names}), which {what} leaves out: state the system without contacts=, with the "
-            "closed ones as constraints, or run it."
-        )

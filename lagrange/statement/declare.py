@@ -15,7 +15,7 @@ from sympy.core.relational import Relational
 from sympy.logic.boolalg import BooleanAtom
 
 from lagrange.errors import StatementError, formula, listing, located, shown, suggestion
-from lagrange.statement.contact import along, declare_contacts, friction_names
+from lagrange.statement.contact import along, declare_contacts
 from lagrange.statement.coordinate import (
     COORDINATES,
     check_name,
@@ -66,7 +66,7 @@ from lagrange.statement.rotation import (
     without_inertia,
 )
 from lagrange.statement.run_settings import RunSettings
-from lagrange.statement.statement import EDGE, KINDS, REDUNDANT, REFUSE, Constraint, Link, Statement
+from lagrange.statement.statement import EDGE, KINDS, REDUNDANT, REFUSE, Constraint, Link, Statement, friction_names
 from lagrange.statement.units.dimension_check import with_dimensions
 from lagrange.statement.vocabulary.letters import NAME
 

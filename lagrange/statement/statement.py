@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from sympy import Expr, Float, S, Symbol, eye, hessian
 from sympy.core.function import AppliedUndef
 
-from lagrange.errors import abridged, formula, listing
+from lagrange.errors import StatementError, abridged, formula, listing
 from lagrange.statement.contact import Contact, along, gap
 from lagrange.statement.coordinate import RATE, acceleration_of, multiplier, name_of, t, velocity_of
 from lagrange.statement.expression import in_full, is_shorthand
@@ -42,6 +42,11 @@ def corners(links: Sequence[Link]) -> frozenset[str]:
     """
     edges = {name for link in links if link.kind == EDGE for name in link[:2]}
     return frozenset(edges.difference(*(link[:2] for link in links if link.kind != EDGE)))
+
+
+def friction_names(contacts: Sequence[Contact]) -> frozenset[str]:
+    """Return the names of the parameters that are coefficients of friction by themselves."""
+    return frozenset(mu.name for each in contacts for mu in each.friction if mu.is_Symbol)
 
 
 @dataclass(frozen=True)
@@ -202,9 +207,10 @@ class Statement:
 
         With contacts, one more says that the equations hold between contacts.
         """
-        unused = [p.name for p in self.unused]
-        stands = "The parameter {} appears" if len(unused) == 1 else "The parameters {} appear"
-        said = [f"{stands.format(listing(unused))} in no energy, force, constraint or position."] * bool(unused)
+        said = []
+        if unused := [p.name for p in self.unused]:
+            stands = "The parameter {} appears" if len(unused) == 1 else "The parameters {} appear"
+            said.append(f"{stands.format(listing(unused))} in no energy, force, constraint or position.")
         if self.inferred:
             taken = "is taken as a coordinate" if len(self.inferred) == 1 else "are taken as coordinates"
             said.append(
@@ -273,6 +279,23 @@ class Statement:
     def multiplier_names(self) -> list[str]:
         """Names of all multipliers: those of constraints, then of contacts, where they are normal forces."""
         return [*(constraint.name for constraint in self.constraints), *(each.name for each in self.contacts)]
+
+    def require_formulas(self) -> None:
+        """Raise StatementError if a function of coordinates, such as U(r), has no formula."""
+        if self.unknown:
+            raise StatementError(
+                f"{listing(map(str, self.unknown))} {'has' if len(self.unknown) == 1 else 'have'} no formula: a "
+                "derivation leaves such a function open, but numbers need a formula. State the system with one."
+            )
+
+    def check_without_contacts(self, what: str) -> None:
+        """Raise StatementError with contacts; `what` names the result, which needs a motion without impacts."""
+        if self.contacts:
+            names = listing(repr(each.name) for each in self.contacts)
+            raise StatementError(
+                f"the system has contacts ({names}), which {what} leaves out: state the system without contacts=, with "
+                "the closed ones as constraints, or run it."
+            )
 
     @property
     def gaps(self) -> dict[Any, Any]:

@@ -14,7 +14,7 @@ from sympy import Abs, Float, Function, Max, Piecewise, Rational, cos, exp, log,
 
 import lagrange as lg
 from lagrange.page.document import filled
-from lagrange.show.notation.formula import LineWriter
+from lagrange.show.derivation_page import LineWriter
 from lagrange.show.notation.latex_mathml import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import READABLE, Formula, ShownQuantity
 from lagrange.show.notation.text import Notation, UnicodeNotation, latex_text, markdown_text, plain_text

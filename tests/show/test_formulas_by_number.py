@@ -15,7 +15,8 @@ import pytest
 import sympy
 
 import lagrange as lg
-from lagrange.show.notation.formula import FormulaLine, LineWriter, Typesetter
+from lagrange.show.derivation_page import FormulaLine, LineWriter
+from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex_mathml import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import (
     ExpressionRows,

@@ -1,30 +1,244 @@
-"""Formulas with the conventions of textbooks, in any notation, broken into lines of limited width."""
+"""Formulas with the conventions of textbooks, in any notation: their spelling, and the order of factors and terms."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from functools import cache, cached_property
 from itertools import chain
 from typing import Any
 
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.show.notation.book_order import BookOrder
-from lagrange.show.notation.sections import (
-    ExpressionRows,
-    Formula,
-    Partial,
-    Product,
-    Rate,
-    ShownQuantity,
-    SignedTerms,
-    Transpose,
-)
-from lagrange.show.notation.text import ATOM, POWER, PRODUCT, SUM, FormulaPiece, Notation, PrintedWidth, width
+from lagrange.show.notation.text import ATOM, PRODUCT, SUM, FormulaPiece, Notation, index_parts
 from lagrange.statement.coordinate import RATE, name_of, t
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.words import WORDS
+
+LETTERS = ("G", "m M mu", "I J Theta", "g", "", "l L R r a b d h s w length radius", "omega Omega nu")
+"""Parameters by the usual meaning of their letters: masses, moments of inertia, gravity, others, lengths, rates.
+
+Textbooks print m g l, m l^2 omega^2, and G m1 m2 with G first. In the same class the order is that of the statement.
+"""
+OTHERS = LETTERS.index("")
+CLASS_OF = {letter: rank for rank, letters in enumerate(LETTERS) for letter in letters.split()}
+PARAMETER, MULTIPLIER, POSITION, VELOCITY, ACCELERATION, FUNCTION = range(6)
+GRAVITY = (PARAMETER, LETTERS.index("g"))
+MASS = (PARAMETER, LETTERS.index("m M mu"))
+LAST = (POSITION, 0, 1_000_000)
+"""Rank of time and of symbols that are not in the statement: after the coordinates."""
+
+Key = tuple[Any, ...]
+
+
+class BookOrder:
+    """Sort keys for the factors and terms of a statement's formulas, in plain symbols.
+
+    `rank` maps each symbol to its place in the order: the kind of symbol, the class of its letter, its index in the
+    statement. Kinds are parameter, multiplier, position, velocity and acceleration, in this order.
+    """
+
+    def __init__(self, statement: Statement) -> None:
+        plain = list(statement.plain.values())
+        self.rank: dict[Any, tuple[int, int, int]] = {}
+        unset = [p for p in statement.parameters if p not in statement.defaults]
+        stated = [*statement.defaults, *sorted(unset, key=_natural)]
+        for index, parameter in enumerate(stated):
+            head, _ = index_parts(parameter.name)
+            self.rank[parameter] = (PARAMETER, CLASS_OF.get(head, OTHERS), index)
+        for index, constraint in enumerate(statement.constraints):
+            self.rank[constraint.multiplier] = (MULTIPLIER, 0, index)
+        for index, symbol in enumerate(plain):
+            self.rank[symbol] = (POSITION + index % 3, 0, index // 3)
+        self.typed: frozenset[Any] = frozenset()
+        """Sums and products of an answer, whose signs are kept, too."""
+        self._statement = statement
+        self.factor = cache(self._key)  # the same factors occur often
+
+    @cached_property
+    def sums(self) -> frozenset[Any]:
+        """The sums that the statement contains. Formulas keep the signs of their terms as the author chose them."""
+        statement = self._statement
+        stated = [statement.lagrangian, statement.dissipation, *statement.forces]
+        stated += [constraint.expression for constraint in statement.constraints]
+        stated += [entry for point in statement.positions.values() for entry in point]
+        return frozenset(node for part in stated for node in part.xreplace(statement.plain).atoms(sympy.Add))
+
+    def symbols(self, expression: Any) -> list[tuple[int, int, int]]:
+        """Return the ranks (kind, class of the letter, index) of the symbols in an expression, in ascending order.
+
+        Time and unknown symbols rank after the coordinates.
+        """
+        return sorted(self.rank.get(symbol, LAST) for symbol in expression.free_symbols)
+
+    def moves(self, expression: Any) -> bool:
+        """Return True if an expression contains a symbol that is not a parameter."""
+        return any(rank[0] != PARAMETER for rank in self.symbols(expression))
+
+    def follows(self, factor: Any) -> bool:
+        """Return True if a factor is printed after a fraction of constants: a function, or a factor with variables."""
+        return self.moves(factor) or bool(self.factor(factor)[0] >= ACCELERATION)
+
+    def _key(self, factor: Any) -> Key:
+        """Return the sort key of a factor."""
+        base, exponent = factor.as_base_exp()
+        if function := given_function(base):
+            return (ACCELERATION, 1, base.derivative_count if base.is_Derivative else 0, 0, function)
+        ranks = self.symbols(factor)
+        if base.is_Add and exponent.is_Integer:
+            highest = max((rank[0] for rank in ranks), default=PARAMETER)
+            first = next((rank for rank in ranks if rank[0] == min(highest, POSITION)), (highest, 0, 0))
+            return (highest, *first[1:], 0, str(base))
+        if base.is_Symbol and not exponent.free_symbols and (exponent.is_Integer or not self.moves(base)):
+            return (*self.rank.get(base, LAST), 1, base.name)
+        if not ranks:
+            return (PARAMETER, -1, 0, 0, str(base))
+        moving = [rank for rank in ranks if rank[0] != PARAMETER]
+        lead = (moving or ranks)[0]
+        kind = {"sin": 0, "cos": 1}.get(type(base).__name__, 2)
+        root = base.is_Symbol or base.is_Add
+        return (FUNCTION, 0 if root else 1 + lead[0], lead[2], kind, str(base))
+
+    def term(self, term: Any) -> Key:
+        """Return the sort key of a term: accelerations come first, then velocities, then all other terms.
+
+        Among the others, squares and products of coordinates come first, as in x^2 + y^2 - l^2. Constants follow, as in
+        l + x and m1 + m2 sin(theta)^2. Terms with the acceleration of gravity g, then functions of time alone, come
+        last.
+        """
+        ranks = self.symbols(term)
+        highest = max((rank[0] for rank in ranks), default=PARAMETER)
+        indices = [rank[2] for rank in ranks if rank[0] == highest for _ in range(self._power(term, rank))]
+        degree = self._degree(term) if highest == VELOCITY else 0
+        last = self._last(ranks) if highest <= POSITION else 0
+        return (-max(highest, POSITION), degree, last, self._place(term, highest), indices, ranks)
+
+    def _last(self, ranks: list[tuple[int, int, int]]) -> int:
+        """Return the class of a term by the ranks of its symbols, which are in ascending order.
+
+        It is 1 for a product with the acceleration of gravity g. It is 2 for a function of time alone, which is printed
+        last, and 0 for any other term.
+        """
+        if ranks and ranks[-1] == LAST and not any(rank[0] == POSITION for rank in ranks if rank != LAST):
+            return 2
+        return int(len(ranks) > 1 and any(rank[:2] == GRAVITY for rank in ranks))
+
+    def _degree(self, term: Any) -> int:
+        """Return the class of a term for sorting by its velocities.
+
+        It is 1 for a product of several velocities, 2 for a single velocity to the first power, and 0 for all other
+        terms, such as squares. A term with sums as factors has the highest class of their terms.
+        """
+        factors = term.as_powers_dict()
+        powers = [e for base, e in factors.items() if self.rank.get(base, LAST)[0] == VELOCITY]
+        if not powers:
+            sums = (base.args for base, e in factors.items() if base.is_Add and e == 1)
+            return max((self._degree(part) for parts in sums for part in parts), default=0)
+        return 1 if len(powers) > 1 else 2 if powers == [1] else 0
+
+    def _power(self, term: Any, rank: tuple[int, int, int]) -> int:
+        """Return the degree of the symbol with rank `rank` in a product, 1 if it is not found.
+
+        The degree sorts x^2 before x y, and x y before y^2.
+        """
+        powers = term.as_powers_dict()
+        return next((int(e) for base, e in powers.items() if self.rank.get(base) == rank and e.is_Integer and e > 0), 1)
+
+    def _place(self, term: Any, highest: int) -> int:
+        if highest > POSITION:
+            return 0
+        _, rest = term.as_coeff_Mul()
+        degree = 0
+        for factor in rest.as_ordered_factors() if rest.is_Mul else [rest]:
+            base, exponent = factor.as_base_exp()
+            if self.moves(base) or self.moves(exponent):
+                if not base.is_Symbol or not exponent.is_Integer:
+                    return 3
+                degree += int(exponent)
+        return 1 if degree == 0 else 2 if degree == 1 else 0
+
+    def terms(self, parts: Iterable[Any], subtracted: Callable[[Any], bool]) -> list[Any]:
+        """Return the terms of a sum in order. A positive term comes first, unless the sum begins with accelerations.
+
+        `subtracted` returns True for a term with a minus sign. A subtracted constant comes last, as in x + y - l.
+        """
+        ordered = sorted(parts, key=self.term)
+        if not subtracted(ordered[0]) or self.term(ordered[0])[0] == -ACCELERATION:
+            return ordered
+        if not self.moves(ordered[0]):
+            ordered.sort(key=lambda part: not self.moves(part))
+        first = next((part for part in ordered if not subtracted(part)), ordered[0])
+        ordered.remove(first)
+        return [first, *ordered]
+
+    def reversible(self, total: Any, term: Any) -> bool:
+        """Return True if the minus sign of a term may be moved into its factor `total`: -(m1 - m2)*g is (m2 - m1)*g.
+
+        `total` must be a difference of two masses, or another difference of constants that does not occur in the
+        statement. A stated difference such as R - r is usually positive, and is kept. A term that a user typed is not
+        changed.
+        """
+        if not total.is_Add or len(total.args) != 2 or sum(map(_negative, total.args)) != 1 or self.moves(total):
+            return False
+        masses = all(rank[:2] == MASS for rank in self.symbols(total))
+        return (masses or total not in self.sums) and term not in self.typed
+
+    def turned(self, total: Any) -> bool:
+        """Return True if a sum in parentheses is better written as minus its negative.
+
+        A sum of the statement keeps its signs if it has a positive term. Any other sum is written so that most of its
+        terms are positive. If half of them are positive, the first term is.
+        """
+        negative = sum(map(_negative, total.args))
+        if negative == len(total.args):
+            return True
+        preferred = self._preferred(total)
+        if preferred is not None:
+            return bool(preferred != total)
+        if 2 * negative != len(total.args):
+            return 2 * negative > len(total.args)
+        return _negative(min(total.args, key=self.term))
+
+    def oriented(self, factor: Any) -> tuple[int, Any]:
+        """Return (sign, factor), whose product is the given factor, so that the new factor has the signs of textbooks.
+
+        SymPy turns cos(a - b) and sin(a - b) to cos(b - a) and -sin(b - a). If the user typed only a - b, this is
+        undone.
+        """
+        if factor.is_Add:
+            return (-1, -factor) if self.turned(factor) else (1, factor)
+        argument = factor.args[0] if factor.is_Function else factor
+        if not argument.is_Add or self._preferred(argument) in (None, argument):
+            return 1, factor
+        sign = {factor: 1, -factor: -1}.get(factor.func(-argument, *factor.args[1:]))
+        return (1, factor) if sign is None else (sign, factor.func(-argument, evaluate=False))
+
+    def _preferred(self, total: Any) -> Any:
+        """Return a sum or its negative, whichever the user typed, else whichever the statement contains.
+
+        Returns None if both or neither occur.
+        """
+        for sums in (self.typed, self.sums):
+            if (total in sums) != (-total in sums):
+                return total if total in sums else -total
+        return None
+
+
+def given_function(node: Any) -> str:
+    """Return the name of a given function of time or of its derivative; empty for any other expression."""
+    function = node.expr if isinstance(node, sympy.Derivative) else node
+    return str(function.func.__name__) if isinstance(function, AppliedUndef) and function.args == (t,) else ""
+
+
+def _natural(parameter: Any) -> list[tuple[int, str]]:
+    """Return the sort key of a parameter's name, by which m2 comes before m10."""
+    head, parts = index_parts(parameter.name)
+    return [(int(part) if part.isdigit() else 0, part) for part in (head, *parts)]
+
+
+def _negative(term: Any) -> bool:
+    return bool(term.as_coeff_Mul()[0].is_negative)
+
 
 NAMES = {word.build: name for name, word in WORDS.items()}
 RELATIONS = {
@@ -255,214 +469,3 @@ def _base_and_exponent(factor: Any) -> tuple[Any, Any]:
     if exponent.is_Rational and base.is_Rational and base.p == 1 and base != 1:
         return sympy.Integer(base.q), -exponent
     return base, exponent
-
-
-WIDEST = 100  # Width of a line in columns of Unicode text; a formula of this width also fills a printed page
-SHORT = 20  # Largest number of operations of a formula that fits into a line without being measured
-
-MEANINGS = {
-    "L": "Lagrangian",
-    "T": "kinetic_energy",
-    "V": "potential_energy",
-    "D": "dissipation",
-    "E": "energy",
-    "J": "jacobi_integral",
-    "Q": "force",
-    "p": "momentum",
-    "r": "position",
-    "v": "velocity",
-    "M": "mass_matrix",
-    "h": "right_side",
-    "G": "gradient",
-    "f": "constraint",
-}
-"""Words for the letters of mechanics, written if a symbol of the statement looks like the letter."""
-
-
-@dataclass(frozen=True)
-class FormulaLine:
-    """One line of a formula: the text `right`, and before it `left`, the left side of the formula.
-
-    `left` is blank for a line that does not begin with the left side. `goes_on` is true for a line that continues the
-    right side of the line above.
-    """
-
-    left: str
-    right: str
-    goes_on: bool = False
-
-
-def _lines(left: str, texts: Sequence[str]) -> list[FormulaLine]:
-    """Return the lines of a formula whose right side is broken into `texts`."""
-    first, *more = texts
-    return [FormulaLine(left, first), *(FormulaLine("", line, goes_on=True) for line in more)]
-
-
-class SideWriter:
-    """Writes sides of formulas in a notation, each on one line."""
-
-    def __init__(self, statement: Statement, notation: Callable[[Sequence[str]], Notation]) -> None:
-        multipliers = [constraint.multiplier.name for constraint in statement.constraints]
-        function_names = [str(function.func.__name__) for function in statement.given]
-        names = [*statement.names, *(symbol.name for symbol in statement.parameters), *multipliers, *function_names]
-        self.notation = notation(names)
-        self.setter = Typesetter(statement, self.notation)
-        self.taken = frozenset((*self.setter.letters.values(), *map(self.notation.letter, function_names)))
-
-    def side(self, side: Any) -> str:
-        """Return the text of one side of a formula, on one line."""
-        match side:
-            case ShownQuantity():
-                return self.quantity(side)
-            case Partial():
-                return self.notation.partial(self.side(side.quantity), self.side(side.by))
-            case Rate():
-                return self.notation.time_derivative.format(self.side(side.inside))
-            case Transpose():
-                return self.notation.transpose.format(self.side(side.matrix))
-            case Product():
-                return self.notation.joined([self.factor(factor) for factor in side.factors])
-            case SignedTerms():
-                terms = [(negative, self.side(term)) for negative, term in side.terms]
-                return self.notation.signs(terms) if terms else self.notation.number("0").text
-            case ExpressionRows():
-                rows = [[self.side(entry) for entry in row] for row in side.rows]
-                if side.vector:
-                    return self.notation.brackets(self.notation.comma.join(rows[0]))
-                return self.notation.matrix(rows)
-        return self.setter.write(side)
-
-    def factor(self, factor: Any) -> str:
-        """Return the text of a factor of a `Product`."""
-        if isinstance(factor, sympy.Basic):
-            return self.notation.grouped(self.setter.piece(self.setter.plainly(factor)), PRODUCT)
-        return self.side(factor)
-
-    def quantity(self, quantity: ShownQuantity) -> str:
-        """Return a quantity's letter with indices, or its word if a symbol of the statement looks like the letter."""
-        spelled = self.notation.letter(quantity.letter, 0, quantity.indices)
-        if spelled in self.taken:
-            spelled = self.notation.script(quantity.letter, MEANINGS[quantity.letter], quantity.indices)
-        return self.notation.raised(spelled, "2").text if quantity.squared else spelled
-
-
-class LineWriter:
-    """Writes formulas of a statement in a notation, on as many lines as necessary."""
-
-    def __init__(self, statement: Statement, notation: Callable[[Sequence[str]], Notation]) -> None:
-        self.sides = SideWriter(statement, notation)
-        self.notation = self.sides.notation
-        self.setter = self.sides.setter
-        self.ruler = self.sides if self.notation.in_one_line else SideWriter(statement, PrintedWidth)
-
-    def formula(self, row: Formula) -> list[FormulaLine]:
-        """Return the lines of a formula, broken where it is wide.
-
-        A formula may have two right sides: the second begins on a new line, or is left out if it has the text of the
-        first.
-        """
-        *before, last = row.sides
-        if len(before) == 2 and isinstance(before[1], sympy.Expr):
-            if self.sides.side(before[1]) == self.sides.side(last):
-                return self.formula(Formula((before[0], last)))
-            start = " " * width(self.ruler.side(before[0]))
-            return [*self.formula(Formula(tuple(before))), *_lines(start, self.broken(last, WIDEST - len(start) - 3))]
-        equals = self.notation.equals
-        left = equals.join(self.sides.side(side) for side in before)
-        measured = left if self.ruler is self.sides else " = ".join(self.ruler.side(side) for side in before)
-        if len(before) == 1 and isinstance(before[0], sympy.Expr) and self.apart(measured, last):
-            lines = _lines("", self.broken(before[0], WIDEST))
-            if isinstance(last, sympy.Expr) and width(self.ruler.side(last)) > SHORT // 2:
-                first, *more = self.broken(last, WIDEST)
-                return [*lines, *(FormulaLine("", line, goes_on=True) for line in (equals + first, *more))]
-            whole = lines[-1].right + equals + self.sides.side(last)
-            return [*lines[:-1], FormulaLine("", whole, goes_on=lines[-1].goes_on)]
-        return _lines(left, self.broken(last, WIDEST - width(measured) - 3))
-
-    def beside(self, rows: Sequence[Formula]) -> Iterator[list[Formula]]:
-        """Yield formulas in groups that fit side by side into one line each."""
-        group: list[Formula] = []
-        room = 0
-        for row in rows:
-            measured = " = ".join(self.ruler.side(side) for side in row.sides)
-            wide = max(map(width, measured.split("\n"))) + SHORT // 2
-            if group and wide > room:
-                yield group
-                group = []
-            room = (room if group else WIDEST) - wide
-            group.append(row)
-        if group:
-            yield group
-
-    def apart(self, left: str, last: Any) -> bool:
-        """Return True if the last side is printed below the left side, because they do not fit into one line."""
-        right = width(self.ruler.side(last)) if isinstance(last, sympy.Expr) else 0
-        return width(left) > WIDEST or (width(left) > WIDEST // 2 and width(left) + 3 + right > WIDEST)
-
-    def broken(self, side: Any, room: int) -> list[str]:
-        """Return a side of a formula as lines; the first line has at most `room` columns."""
-        if not isinstance(side, sympy.Expr):
-            return [self.sides.side(side)]
-        plain = self.setter.plainly(side)
-        if plain.count_ops() <= SHORT or width(self.ruler.setter.piece(plain).text) <= room:
-            return [self.setter.piece(plain).text]
-        if plain.is_Add:
-            return list(self.sum_lines(plain, room))
-        return self.product_lines(plain, room)
-
-    def sum_lines(self, total: Any, room: int) -> Iterator[str]:
-        """Yield the lines of a sum. A term that is wider than a line starts on a new line and is broken."""
-        line: list[tuple[bool, str]] = []
-        first = True
-        parts = self.setter.ordered(total)
-        measures = (text for _, text in self.ruler.setter.terms(total))
-        for part, term, measured in zip(parts, self.setter.terms(total), measures, strict=True):
-            wide = width(measured) + 3
-            if line and wide > room:
-                yield self.notation.signs(line, leading=first)
-                room, line, first = WIDEST, [], False
-            lines = self.product_lines(part, room, leading=first) if wide > WIDEST + 3 else []
-            if len(lines) > 1:
-                yield from lines
-                room, first = WIDEST, False
-                continue
-            line.append(term)
-            room -= wide
-        if line:
-            yield self.notation.signs(line, leading=first)
-
-    def product_lines(self, product: Any, room: int, *, leading: bool = True) -> list[str]:
-        """Return the lines of a product with a long sum as a factor: the other factors, and the sum in parentheses.
-
-        The sum begins on a new line if the other factors fill half of a line. `leading` is true if the product begins a
-        side of the formula, and has no plus sign.
-        """
-        negative, above, below, number = self.setter.parts(product)
-        sums = [base for base, exponent in above if base.is_Add and exponent == 1]
-        if not sums:
-            return [self.setter.piece(product).text]
-        longest = max(sums, key=lambda base: base.count_ops())
-        rest = [(base, exponent) for base, exponent in above if base is not longest or exponent != 1]
-        suffix, unit = "", self.notation.number("1")
-        if self.notation.in_one_line:
-            # A fraction such as ½ after the parenthesis would look like an exponent: then numbers stay in front.
-            split = number.is_Rational and not self.notation.fractions_in_front
-            divisor = self.setter.quotient(below, [], sympy.Integer(number.q if split else 1))
-            number = sympy.Integer(number.p) if split else number
-            suffix = self.notation.fraction(unit, divisor).text.removeprefix(unit.text) if divisor != unit else ""
-            below = []
-        front = self.setter.quotient(rest, below, number)
-        closed = front.text if front.level == PRODUCT else self.notation.grouped(front, POWER)
-        before = [] if front == unit else [closed]
-        front_width = 0 if self.notation.in_one_line else width(self.ruler.setter.quotient(rest, below, number).text)
-        separate = front_width > WIDEST // 2
-        used = 2 if separate or not before else front_width if front_width > WIDEST // 3 else WIDEST // 5
-        first, *more = self.sum_lines(longest, (WIDEST if separate else room) - used)
-        inside = self.notation.opening + first
-        if separate:
-            start = [self.notation.signs([(negative, front.text)], leading=leading)]
-            more = [self.notation.times + inside, *more]
-        else:
-            start = [self.notation.signs([(negative, self.notation.joined([*before, inside]))], leading=leading)]
-        lines = [*start, *more]
-        return [*lines[:-1], lines[-1] + self.notation.closing + suffix]

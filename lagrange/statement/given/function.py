@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from sympy.core.function import AppliedUndef
 from lagrange.errors import StatementError, formula, listing, suggestion
 from lagrange.statement.coordinate import check_symbol, function_of_time, name_of, t
 from lagrange.statement.expression import expression
-from lagrange.statement.given.motion import MARK, OVERHANG, Motion, checked_table, motion_of, table_range
+from lagrange.statement.given.motion import MARK, Motion, checked_table, motion_of
 from lagrange.statement.parameters import Survey, check_rate, rate_name
 from lagrange.statement.statement import Statement
 
@@ -207,16 +206,7 @@ def require_values(statement: Statement, remedy: str = "") -> None:
             f"state lg.given({names[0]!r}, expression in lg.t) or lg.given({names[0]!r}, (times, values)), or put one "
             f"in with system.substitute({{{names[0]!r}: ...}})."
         )
-    require_formulas(statement)
-
-
-def require_formulas(statement: Statement) -> None:
-    """Raise StatementError if a function of coordinates, such as U(r), has no formula."""
-    if statement.unknown:
-        raise StatementError(
-            f"{listing(map(str, statement.unknown))} {'has' if len(statement.unknown) == 1 else 'have'} no formula: a "
-            "derivation leaves such a function open, but numbers need a formula. State the system with one."
-        )
+    statement.require_formulas()
 
 
 def open_functions(statement: Statement) -> list[Any]:
@@ -240,30 +230,3 @@ def check_span(statement: Statement, t0: float, t1: float) -> None:
 def replaced(function: Any, values: Any) -> Mapping[Any, Any]:
     """Return {function: given function of the same name with these `values`}, to replace it in expressions."""
     return {function: given(name_of(function), values)}
-
-
-LETTER = "S"  # Letter of a table; several tables are S1, S2
-
-
-def with_named_tables(statement: Statement) -> tuple[Statement, tuple[str, ...]]:
-    """Return the statement with each table of measured values replaced by a function with a name, such as S(x).
-
-    The second result has a sentence on each such function.
-    """
-    expressions = (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)
-    expressions += tuple(constraint.expression for constraint in statement.constraints)
-    nodes = [sorted(expression.atoms(sympy.Piecewise), key=sympy.default_sort_key) for expression in expressions]
-    tables = [(node, bounds) for node in dict.fromkeys(chain(*nodes)) if (bounds := table_range(node))]
-    if not tables:
-        return statement, ()
-    taken = {*statement.names, *(p.name for p in statement.parameters)}
-    names = [LETTER] if len(tables) == 1 and LETTER not in taken else [f"{LETTER}{i + 1}" for i in range(len(tables))]
-    named: dict[Any, Any] = {}
-    sentences = []
-    for name, (table, (argument, low, high)) in zip(names, tables, strict=True):
-        named[table] = sympy.Function(name, real=True)(argument)
-        knots = [float(pair.cond.rhs) for pair in table.args[0].expr.args[:-1]]
-        first, last = ((end + OVERHANG * knot) / (1 + OVERHANG) for end, knot in ((low, knots[0]), (high, knots[-1])))
-        sentences.append(f"{name} is a table of {len(knots) + 2} points from {first:.6g} to {last:.6g}.")
-    written = statement.mapped(lambda expression: expression.xreplace(named))
-    return replace(written, unknown=(*statement.unknown, *named.values())), tuple(sentences)
