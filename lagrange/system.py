@@ -576,15 +576,13 @@ class System:
         require_values(self.statement)
         return known_statement(self.statement)
 
-    @property
+    @cached_property
     def _model(self) -> Model:
         """The model for numpy, with kernels compiled at first use. Raises StatementError for a system with contacts."""
         from lagrange.compiler import machine, model_of
 
         self.statement.check_without_contacts("this result")
-        if "numpy" not in self._models:
-            self._models["numpy"] = model_of(self.statement, machine("numpy"), self.laws)
-        return self._models["numpy"]
+        return model_of(self.statement, machine("numpy"), self.laws)
 
 
 def _from_text(text: str) -> System:

@@ -94,7 +94,6 @@ def imports_of(tree: ast.AST, modules: Modules) -> Iterator[tuple[str, int]]:
 
 
 TYPES_ALONE = {
-    "lagrange.graph.derivative_rules": "lagrange.graph.node",
     "lagrange.procedure.values": "lagrange.procedure.builder",
     "lagrange.machine.llvm.vectors": "lagrange.machine.llvm.procedures",
     "lagrange.show.race": "lagrange.show.race",

@@ -20,10 +20,9 @@ import sympy
 from lagrange.equations.derivation import too_large
 from lagrange.equations.solve_plan import has_large_block
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.formula_comparison import solved_statement
 from lagrange.evidence.laws import ConstraintSurface
 from lagrange.evidence.precise import BeyondDoubles, OutsideDomain, Precise, all_ways, describe_way
-from lagrange.evidence.quick import quick_check
+from lagrange.evidence.quick import quick_check, solved_statement
 from lagrange.evidence.reference import REFERENCE_DIGITS, Reference
 from lagrange.evidence.report import (
     LIMIT,

@@ -4,62 +4,12 @@ from __future__ import annotations
 
 import cmath
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from sympy import diff
 
 from lagrange.errors import FAULT, RunError
-from lagrange.machine.model import Model
-from lagrange.statement.coordinate import t
-from lagrange.statement.given.function import with_values
 from lagrange.statement.random_states import SamplePoint, holds, random_points
-from lagrange.statement.statement import REFUSE, Statement
-
-
-def solved_statement(model: Model) -> Statement:
-    """Return the statement of a model, without constraints that follow from others."""
-    statement = model.statement
-    if not statement.constraints:
-        return statement
-    solved = model.equations.constraints.names
-    kept = tuple(constraint for constraint in statement.constraints if constraint.name in solved)
-    if len(kept) == len(statement.constraints):
-        return statement
-    return replace(statement, constraints=kept, redundant=REFUSE)
-
-
-def sampled_statement(model: Model) -> tuple[Statement, Callable[[SamplePoint], SamplePoint]]:
-    """Return the statement that a model is tested with, and a function from its points to points of the model.
-
-    Inputs of the model become polynomials in time with random coefficients, so that their values and rates are
-    consistent.
-    """
-    statement = solved_statement(model)
-    if not statement.inputs or statement.open_form is None:
-        return statement, lambda point: point
-    kept = [constraint.name for constraint in statement.constraints]
-    stated = replace(
-        statement.open_form, constraints=tuple(c for c in statement.open_form.constraints if c.name in kept)
-    )
-    varying = with_values(stated)
-    polynomials = dict(varying.prescribed)
-    rates, table = dict(statement.inputs), dict[Any, Any]()
-    for leaf, value in statement.prescribed:
-        symbol, polynomial = value, polynomials[leaf]
-        while symbol in rates and symbol not in table:
-            table[symbol] = polynomial
-            symbol, polynomial = rates[symbol], diff(polynomial, t)
-
-    def of_model(point: SamplePoint) -> SamplePoint:
-        at = {**point.parameters, t: point.t}
-        inputs = {symbol: float(value.xreplace(at)) for symbol, value in table.items()}
-        values = {p: inputs[p] if p in inputs else point.parameters[p] for p in statement.parameters}
-        return replace(point, parameters=values)
-
-    return varying, of_model
-
+from lagrange.statement.statement import Statement
 
 PLACES = 2
 """Number of random states at which a formula is compared. A wrong formula agrees at one with probability zero."""

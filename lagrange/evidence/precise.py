@@ -18,7 +18,7 @@ from lagrange.statement.expression import parts_first
 from lagrange.statement.random_states import RELATIONS, children
 from lagrange.statement.run_settings import check_time
 from lagrange.statement.statement import Statement
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 Operation = Callable[..., Any]
 

@@ -55,7 +55,7 @@ def templates(language: str) -> Mapping[str, Fields]:
 
     A line such as "@@@ head" precedes the template of this name.
     """
-    text = resources("lagrange.export.templates").joinpath(f"{language}.txt").read_text("ascii")
+    text = resources("lagrange.export").joinpath("templates", f"{language}.txt").read_text("ascii")
     _, *parts = re.split(r"^@@@ ([\w ]+)\n", text, flags=re.MULTILINE)
     return dict(zip(parts[::2], map(Fields, parts[1::2]), strict=True))
 

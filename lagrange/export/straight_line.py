@@ -16,12 +16,12 @@ from lagrange.errors import StatementError
 from lagrange.export.elimination import ROWS, Statements, body, factored, solved
 from lagrange.export.module import ExportedQuantity, SourceModule, ascii_name, distinct, indices
 from lagrange.export.target import SOLVED
-from lagrange.graph.derivative_rules import CONDITIONS as FLAGS
 from lagrange.procedure.form import FLAG, REAL
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.procedure.source_printer import LONGEST_VALUE
 from lagrange.procedure.spelling import ATOM, Operator
 from lagrange.program.program import GIVEN, Instruction, Program, ProgramBlock, uses_of
+from lagrange.statement.vocabulary.functions import CONDITIONS as FLAGS
 
 CONDITIONS: Mapping[str, tuple[int, ...]] = {"select": (0,), "and": (0, 1), "or": (0, 1), "not": (0,)}
 """Indices of operands that are conditions (true or false), by operation."""

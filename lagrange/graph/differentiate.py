@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from lagrange.graph.branches import limited
-from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.node import Graph, Kind, Node, exact, reachable
+from lagrange.statement.vocabulary.functions import FUNCTIONS
 
 Partial = tuple[int, Node]  # Index of an argument, and the partial derivative of the node in it
 

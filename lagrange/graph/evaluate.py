@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.graph.node import Kind, Node, reachable
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 BEYOND_DOUBLES = mpmath.mpf(2) ** 1024
 """Smallest number beyond all doubles; larger values are refused. Their sine would need as many digits of pi."""

@@ -19,8 +19,8 @@ from operator import attrgetter, itemgetter
 from typing import Any, TypeAlias
 
 from lagrange.errors import StatementError
-from lagrange.graph.derivative_rules import EVEN, EXACT, FOLDS, FUNCTIONS, ODD
 from lagrange.statement.run_settings import CHECKED_EVERY, check_time
+from lagrange.statement.vocabulary.functions import EVEN, EXACT, FOLDS, FUNCTIONS, ODD
 
 Exact: TypeAlias = int | Fraction
 Rows: TypeAlias = "Sequence[Sequence[Node]]"

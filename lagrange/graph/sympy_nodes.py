@@ -14,7 +14,7 @@ from sympy.core.function import AppliedUndef
 from lagrange.errors import StatementError, formula
 from lagrange.graph.node import Graph, Kind, Node, reachable
 from lagrange.statement.expression import parts_first
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 SINC_RADIUS = Fraction(1, 2)  # Largest |a| at which sinc(a) is computed by its series
 SINC_TERMS = 12

@@ -36,6 +36,7 @@ from lagrange.statement.random_states import SamplePoint, random_points, usable
 from lagrange.statement.rotation import AXES
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection
+from lagrange.trajectory.measures.conservation import SIZE_SAMPLES
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -379,13 +380,6 @@ def check_constant(model: Model, quantities: Mapping[str, Any]) -> None:
             )
 
 
-MOST_COORDINATES = 12
-"""Largest number of coordinates for which the status card has momenta: the test for 30 links takes 0.3 s."""
-
-SIZE_SAMPLES = 200  # Largest number of output times at which the sizes of terms are evaluated
-MOST_LINES = 3  # Largest number of momenta on the status card and in the plot
-
-
 def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:
     """Return the values (N,) of the conserved quantities by name, for states y (2n, N) at times t (N,)."""
     quantities = conserved_quantities(model)
@@ -419,35 +413,3 @@ def _terms(expression: Any) -> Any:
     if expression.is_Pow and expression.exp.is_Integer and expression.exp > 0:
         return _terms(expression.base) ** expression.exp
     return Abs(expression)
-
-
-def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:
-    """Return the relative changes of the momenta of ignorable coordinates since the first time, (N,) each, by name.
-
-    A change is relative to the largest magnitude of the momentum or of its terms M_ij v_j, since a momentum may be
-    zero. Ignorable coordinates need no search, unlike other symmetries. States y are (2n, N), times t (N,).
-    """
-    structure = model.equations.structure
-    indices = list(structure.cyclic) if len(structure.names) <= MOST_COORDINATES else []
-    if not indices or not len(t):
-        return {}
-    q, v = model.layout.split(y)
-    with np.errstate(all="ignore"):
-        momenta = np.asarray(model.momenta(q, v, t, parameters))[indices]
-        some = np.unique(np.linspace(0, len(t) - 1, SIZE_SAMPLES).astype(int))
-        kernel = model.interpreted("mass_matrix")
-        mass = model.called(kernel, t[some], y[:, some], some_of(parameters, some))[indices]
-        terms = np.abs(mass * v[:, some]).sum(axis=1).max(axis=1, keepdims=True)
-        scale = np.maximum(np.abs(momenta).max(axis=1, keepdims=True), terms)
-        drifts = np.divide(momenta - momenta[:, :1], scale, out=np.zeros_like(momenta), where=scale > 0)
-    return {f"p_{structure.names[i]}": drift for i, drift in zip(indices, drifts, strict=True)}
-
-
-def drift_lines(drifts: Mapping[str, FloatArray]) -> list[tuple[str, str]]:
-    """Return lines (label, text) for the status card of a run: the largest drift of each momentum.
-
-    At most `MOST_LINES` momenta are listed; a last line then says how many are omitted.
-    """
-    lines = [(f"{name} drift", f"{np.abs(drift).max():.1e} of its largest term") for name, drift in drifts.items()]
-    left = len(lines) - MOST_LINES
-    return lines[:MOST_LINES] + ([("other momenta", f"{left} in solution.invariants")] if left > 0 else [])

@@ -16,7 +16,7 @@ from typing import Any
 
 from lagrange.procedure import form
 from lagrange.procedure.form import CONSTANT, PARTIAL, REAL, SUMS, Array, Fold, Procedure, Statement
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 Results = tuple[Any, ...]
 Environment = dict[int, Any]

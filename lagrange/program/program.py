@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from lagrange.errors import LagrangeError
 from lagrange.program.elimination import Elimination, elimination
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 GIVEN = ("time", "state", "parameter", "constant")
 """Operations that read an input or a constant and compute nothing."""

@@ -17,7 +17,7 @@ from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, Substitution, reachable
 from lagrange.program.series import LARGEST_POWER, SeriesRule
 from lagrange.statement.run_settings import CHECKED_EVERY, check_time
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 LONGEST_SHARED = 12
 """Longest product whose pairs of factors are counted, to share them with other products. A longer one is multiplied

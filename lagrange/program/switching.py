@@ -17,8 +17,8 @@ from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 
 from lagrange.graph.branches import either, limited, read_when, where_read
-from lagrange.graph.derivative_rules import CONDITIONS
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable, rebuild
+from lagrange.statement.vocabulary.functions import CONDITIONS
 
 SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"))
 """Functions that switch. `and`, `or`, `not` and `piecewise` are not included: they only combine conditions."""

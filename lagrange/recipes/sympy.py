@@ -12,10 +12,10 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError
-from lagrange.graph.derivative_rules import CONDITIONS
 from lagrange.graph.sympy_nodes import SPELLING
 from lagrange.machine.model import Model
 from lagrange.program.program import Instruction, Program, uses_of
+from lagrange.statement.vocabulary.functions import CONDITIONS
 
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     **SPELLING,

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from lagrange.errors import counted, listing
-from lagrange.mechanics.conserved import drift_lines
-from lagrange.show.files.run_files import finite
 from lagrange.show.notebook.html_card import image, pairs
 from lagrange.show.terminal import duration
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.display import text_table
 from lagrange.statement.rotation import quaternion_rows
 from lagrange.statement.statement import unit_of
+from lagrange.trajectory.measures.conservation import drift_lines
 from lagrange.trajectory.solution import Solution
 
 MOST_CHANGES = 3  # Number of parameter changes on the card; `solution.parameter_changes` has all of them
@@ -25,7 +25,7 @@ MOST_CHANGES = 3  # Number of parameter changes on the card; `solution.parameter
 def card_of(solution: Solution) -> dict[str, Any]:
     """Return the data of the status card of a run, as a dict for JSON; numbers that are not finite are None."""
     drift = {**asdict(solution.drift), "relative": solution.drift.relative} if solution.has_energy else {}
-    energy = {key: finite(value) if isinstance(value, float) else value for key, value in drift.items()}
+    energy = {key: _finite(value) if isinstance(value, float) else value for key, value in drift.items()}
     card: dict[str, Any] = {
         "system": solution.model.statement.name,
         "target": solution.model.target,
@@ -34,23 +34,23 @@ def card_of(solution: Solution) -> dict[str, Any]:
         "message": solution.message,
         "method": solution.method,
         "form": solution.trajectory.form,
-        "step": finite(solution.trajectory.step),
-        "rtol": finite(solution.trajectory.rtol),
-        "atol": finite(solution.trajectory.atol),
+        "step": _finite(solution.trajectory.step),
+        "rtol": _finite(solution.trajectory.rtol),
+        "atol": _finite(solution.trajectory.atol),
         "steps": solution.steps,
         "rejected": solution.trajectory.rejected,
         "evaluations": solution.evaluations,
-        "wall": finite(solution.wall),
+        "wall": _finite(solution.wall),
         "events": [len(times) for times in solution.t_events],
         "outputs": len(solution.t),
-        "t_start": finite(solution.trajectory.span[0]),
-        "t_end": finite(solution.trajectory.span[1]),
+        "t_start": _finite(solution.trajectory.span[0]),
+        "t_end": _finite(solution.trajectory.span[1]),
         "energy": energy or None,  # the energy may have no value
         "constraints": solution.constraint_drift.card if solution.constraint_drift else None,
-        "lengths": {name: finite(error) for name, error in _lengths(solution).items()},
+        "lengths": {name: _finite(error) for name, error in _lengths(solution).items()},
         "stiff": solution.stiff.sentence() if solution.stiff else None,
         "units": {name: unit for name in (*solution.names, "t") if (unit := unit_of(solution.model.statement, name))},
-        "parameters": {row_label(key): finite(value) for key, value in solution.parameters.items()},
+        "parameters": {row_label(key): _finite(value) for key, value in solution.parameters.items()},
     }
     if solution.contacts:
         card["contacts"] = {
@@ -58,14 +58,19 @@ def card_of(solution: Solution) -> dict[str, Any]:
             for name, contact in solution.contacts.items()
             if len(solution.t)
         }
-        card["energy_lost"] = finite(solution.energy_lost[-1]) if len(solution.t) else None
+        card["energy_lost"] = _finite(solution.energy_lost[-1]) if len(solution.t) else None
     if solution.parameter_changes:
-        card["changes"] = [{"t": finite(t), "parameters": values} for t, values in solution.parameter_changes]
+        card["changes"] = [{"t": _finite(t), "parameters": values} for t, values in solution.parameter_changes]
     for when, column in (("initial", 0), ("final", -1)):
         card[when] = {
-            name: finite(row[column]) for name, row in zip(solution.names, solution.y, strict=True) if len(row)
+            name: _finite(row[column]) for name, row in zip(solution.names, solution.y, strict=True) if len(row)
         }
     return card
+
+
+def _finite(value: Any) -> float | None:
+    """Return a value as a number for JSON; None if it is not finite or not known."""
+    return None if value is None or not isfinite(value) else float(value)
 
 
 def _lengths(solution: Solution) -> dict[str, float]:

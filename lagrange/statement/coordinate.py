@@ -15,8 +15,8 @@ from sympy.core.function import Application, AppliedUndef, UndefinedFunction
 
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.statement.expression import flag
+from lagrange.statement.vocabulary.functions import FUNCTION_NAMES
 from lagrange.statement.vocabulary.letters import NAME
-from lagrange.statement.vocabulary.words import FUNCTIONS
 
 
 class DeclaredOrder:
@@ -91,7 +91,7 @@ def check_symbol(name: str, what: str) -> str:
 
     `what` is the kind of the named object in the message, such as "coordinate".
     """
-    meaning = PREDEFINED.get(check_name(name, what), "a function" if name in FUNCTIONS else "")
+    meaning = PREDEFINED.get(check_name(name, what), "a function" if name in FUNCTION_NAMES else "")
     if not meaning and keyword.iskeyword(name):
         meaning = "a reserved word of Python"
     if meaning:

@@ -16,7 +16,7 @@ from lagrange.errors import StatementError, formula, listing, shown, singular
 from lagrange.statement.coordinate import PARAMETERS, check_name, check_symbol, constraint_of, name_of, t, velocity_of
 from lagrange.statement.expression import check_once, one_of, real_number
 from lagrange.statement.given.motion import Motion, motion_of
-from lagrange.statement.vocabulary.words import SYMPY_CLASSES, WORDS
+from lagrange.statement.vocabulary.functions import SYMPY_CLASSES, WORDS
 
 _PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, Not, ITE, BooleanAtom)
 

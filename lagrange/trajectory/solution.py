@@ -21,7 +21,7 @@ from lagrange.statement.coordinate import multiplier, row_label
 from lagrange.statement.expression import ByName
 from lagrange.statement.rotation import Rotation, in_symbols, rotation_of, shorthands
 from lagrange.trajectory.contact.history import ContactResult, ContactRun
-from lagrange.trajectory.measures.conservation import EnergyDrift, energy_drift, since_start
+from lagrange.trajectory.measures.conservation import EnergyDrift, energy_drift, momentum_drifts, since_start
 from lagrange.trajectory.measures.constraints import ConstraintDrift, ConstraintForces, constraint_drift
 from lagrange.trajectory.measures.stiffness import Stiffness, stiffness
 from lagrange.trajectory.measures.times_and_points import reached_times, states_at
@@ -190,8 +190,6 @@ class Solution:
 
         Empty for a system with contacts, whose forces may change the momenta.
         """
-        from lagrange.mechanics.conserved import momentum_drifts
-
         if self.contacts:
             return {}
         t, y, _ = since_start(self.trajectory)

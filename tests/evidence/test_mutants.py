@@ -21,8 +21,8 @@ import lagrange as lg
 from lagrange.equations import euler_lagrange
 from lagrange.evidence.check import check
 from lagrange.graph import differentiate
-from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.node import Kind, Node
+from lagrange.statement.vocabulary.functions import FUNCTIONS
 from tests.covering import Share
 
 Rule = Callable[..., Any]

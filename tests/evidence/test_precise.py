@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from lagrange.evidence.precise import BeyondDoubles, OutsideDomain, Precise, _no_value
 from lagrange.statement.coordinate import coordinate, parameters, t
 from lagrange.statement.declare import declare
-from lagrange.statement.vocabulary.words import SYMPY_CLASSES, WORDS
+from lagrange.statement.vocabulary.functions import SYMPY_CLASSES, WORDS
 
 x, y = coordinate("x"), coordinate("y")
 k, c = parameters("k c")

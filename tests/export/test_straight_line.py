@@ -16,11 +16,11 @@ from lagrange.errors import StatementError
 from lagrange.export.languages import casadi, fortran, jax, julia, modelica, octave, rust
 from lagrange.export.straight_line import STRUCTURE, Language, StraightLinePrinter
 from lagrange.export.traced import LITERALS
-from lagrange.graph.derivative_rules import CONDITIONS
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.python_source import defined
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 from lagrange.recipes import sympy as sympy_recipe
+from lagrange.statement.vocabulary.functions import CONDITIONS
 from tests.models import SYSTEMS, model
 
 SOURCES: dict[str, Callable[..., str]] = {"jax": jax.LIBRARY.source, "casadi": casadi.LIBRARY.source}

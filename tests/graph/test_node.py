@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lagrange.errors import StatementError
-from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.evaluate import FUNCTIONS as VALUED
 from lagrange.graph.evaluate import generic_rank, precise, term_sizes, values
@@ -25,6 +24,7 @@ from lagrange.graph.node import Binding, Graph, Kind, Node, exact, reachable, sh
 from lagrange.graph.sympy_nodes import Translator
 from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.program.lower import lower
+from lagrange.statement.vocabulary.functions import FUNCTIONS
 from tests.graph.trees import BINDINGS, Forms, evaluate, expressions, new_graph
 
 POINTS = ({"m": "1.7", "x": "0.31", "y": "-0.83", "u": "1.21"}, {"m": "0.4", "x": "-1.9", "y": "0.57", "u": "-0.26"})

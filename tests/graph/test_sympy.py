@@ -15,7 +15,6 @@ import sympy as sp
 from hypothesis import given
 
 from lagrange.errors import StatementError
-from lagrange.graph.derivative_rules import CONDITIONS, FUNCTIONS
 from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.evaluate import values
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable, share_sums
@@ -25,7 +24,7 @@ from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.program.lower import lower
 from lagrange.program.program import Program
 from lagrange.statement.coordinate import coordinate
-from lagrange.statement.vocabulary.words import SYMPY_CLASSES
+from lagrange.statement.vocabulary.functions import CONDITIONS, FUNCTIONS, SYMPY_CLASSES
 from tests.graph.trees import KINKED, SMOOTH, SYMBOLS, Forms, evaluate, expressions, new_graph
 
 x, y, u, m = (SYMBOLS[name] for name in "xyum")

@@ -30,7 +30,7 @@ from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind,
 from lagrange.procedure.interpreter import run
 from lagrange.procedure.values import Entries
 from lagrange.program.program import Instruction, Program, ProgramBlock
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 from tests.models import SCENE_NAMES
 from tests.procedure.random_functions import bits
 

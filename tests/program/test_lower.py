@@ -16,7 +16,6 @@ from hypothesis import given
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.node import Binding, Graph, Node
 from lagrange.machine.kernel.interpreted import OPERATIONS, InterpretedKernel
@@ -27,6 +26,7 @@ from lagrange.procedure.form import OPERATIONS as KINDS
 from lagrange.program.lower import lower
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 from lagrange.program.simplify import LONGEST_PROGRAM, MOST_COMPARED_TERMS, operations, simplified
+from lagrange.statement.vocabulary.functions import FUNCTIONS
 from tests.graph.trees import Forms, evaluate, expressions, new_graph
 from tests.refusals import refusal
 

@@ -16,7 +16,6 @@ from sympy import Rational, cos, exp, sin
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import StatementError
-from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.node import Binding, Graph
 from lagrange.machine.numpy_machine import COEFFICIENT, NumpySeries
 from lagrange.program.catalogue import program_of
@@ -25,6 +24,7 @@ from lagrange.program.series import RULES, SeriesProgram, convolutions
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
+from lagrange.statement.vocabulary.functions import FUNCTIONS
 from tests.models import SYSTEMS, chain, k, laws, m, stated, statement_of, x, y, z
 from tests.series import CONTEXT, NUMBER, all_forms, coefficients, jet, numbers, right_orders, series, sides, values
 from tests.series_systems import bent, growing, kapitza, relative, relativistic, rotating, started, textbook

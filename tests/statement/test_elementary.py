@@ -9,8 +9,7 @@ import pytest
 import sympy
 from mpmath import libmp
 
-from lagrange.statement.vocabulary.elementary import ELEMENTARY, Elementary
-from lagrange.statement.vocabulary.words import ALIASES, SYMPY_CLASSES, WORDS
+from lagrange.statement.vocabulary.functions import ALIASES, ELEMENTARY, SYMPY_CLASSES, WORDS, Elementary
 
 PLACES = {"acosh": (1.25, 2.5, 40.0), "log": (0.1, 2.5, 40.0)}
 EVERY = pytest.mark.parametrize("function", ELEMENTARY.values(), ids=list(ELEMENTARY))

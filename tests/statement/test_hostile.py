@@ -15,7 +15,7 @@ import pytest
 
 from lagrange.errors import SceneError
 from lagrange.statement.scene.scene_reader import read_scene
-from lagrange.statement.vocabulary.words import WORDS
+from lagrange.statement.vocabulary.functions import WORDS
 from tests.statement.attacks import ATTACKS, CANARY
 from tests.statement.scenes import DROP, LEAN, write
 

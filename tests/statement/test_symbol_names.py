@@ -17,7 +17,7 @@ from lagrange.errors import SceneError, StatementError
 from lagrange.statement.coordinate import PREDEFINED
 from lagrange.statement.scene import expressions as text
 from lagrange.statement.scene.scene_reader import read_scene
-from lagrange.statement.vocabulary.words import ALIASES, WORDS
+from lagrange.statement.vocabulary.functions import ALIASES, WORDS
 from tests.models import shared_scene
 from tests.statement.scenes import write
 

@@ -21,7 +21,7 @@ from lagrange.statement.scene.guard import CHUNK, Guard, RefusalError, replaced
 from lagrange.statement.scene.library import LIBRARY
 from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.statement import Statement
-from lagrange.statement.vocabulary.words import ALIASES, WORDS
+from lagrange.statement.vocabulary.functions import ALIASES, WORDS
 from tests.covering import examples
 from tests.statement.names import NAMES, PARAMETERS, g, k, m, v, x, y
 

@@ -42,7 +42,7 @@ from lagrange.procedure.form import (
 from lagrange.procedure.source_printer import SourcePrinter, results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator
 from lagrange.procedure.spelling import OPERATORS as COMMON
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 
 class BracedPrinter(SourcePrinter):

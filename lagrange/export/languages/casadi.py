@@ -8,7 +8,7 @@ from lagrange.export.programs import filled
 from lagrange.export.target import register
 from lagrange.export.traced import ELIMINATION, OPERATORS, Library, TracedTarget, language
 from lagrange.procedure.spelling import Operator, call
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,

@@ -22,7 +22,7 @@ from lagrange.export.programs import Script, filled, helpers, marked, test_text,
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,

@@ -29,7 +29,7 @@ from lagrange.export.target import Target, register
 from lagrange.procedure.form import FLAG, WHOLE, Array, Block, Call, Kind, Let, Part, Procedure, Record, calls, inner
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 OPERATORS: Mapping[str, Operator] = {
     **C_OPERATORS,

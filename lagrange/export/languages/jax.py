@@ -8,7 +8,7 @@ from lagrange.export.programs import filled
 from lagrange.export.target import register
 from lagrange.export.traced import ELIMINATION, OPERATORS, Library, TracedTarget, language
 from lagrange.procedure.spelling import Operator, call
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 LARGEST_TRACED = 4
 """Largest order of a matrix that is eliminated entry by entry; a larger one goes to LAPACK. In a batch, order 2 takes

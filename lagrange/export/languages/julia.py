@@ -20,7 +20,7 @@ from lagrange.export.programs import Script, helpers, marked, test_text, words
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 LITERALS = Literals("Inf", "NaN")
 

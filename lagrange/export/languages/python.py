@@ -24,7 +24,7 @@ from lagrange.export.programs import Script, filled, helpers, main_text, marked,
 from lagrange.export.target import Target, register
 from lagrange.machine.python_source import LITERALS, OPERATORS, Printer
 from lagrange.procedure.form import REAL, Array, Part, Procedure
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 
 def _total(name: str, rest: str = "") -> str:

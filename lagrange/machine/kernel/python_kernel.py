@@ -26,7 +26,7 @@ from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
 from lagrange.program.simplify import simplified
 from lagrange.statement.expression import DOUBLE
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 CACHED = 2**17
 """Number of doubles in a block of columns: 1 MiB, which fits the second-level cache of most processors."""

@@ -13,7 +13,7 @@ from lagrange.machine.llvm.emitter import Emitter, literal, suffix
 from lagrange.procedure import form
 from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind, Type, Vector
 from lagrange.program.program import ARITY
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
 """LLVM's type for each kind of number."""

@@ -18,7 +18,7 @@ from lagrange.errors import LagrangeError
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Procedure, Record
 from lagrange.procedure.interpreter import OPERATIONS as EXACT
 from lagrange.procedure.interpreter import run
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 Number_co = TypeVar("Number_co", float, int, covariant=True)
 Written = TypeVar("Written", float, int)

@@ -15,7 +15,7 @@ import numpy as np
 
 from lagrange.dynamics.axes import TURN
 from lagrange.errors import StatementError, listing, shown
-from lagrange.mechanics.conserved import MOST_LINES, invariant_sizes
+from lagrange.mechanics.conserved import invariant_sizes
 from lagrange.show.figures.curve import (
     MOST_ROUNDS,
     AxisWindow,
@@ -49,6 +49,7 @@ from lagrange.statement.coordinate import row_label
 from lagrange.statement.expression import as_typed
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.statement import Statement, energy_unit, unit_of
+from lagrange.trajectory.measures.conservation import MOST_LINES
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 

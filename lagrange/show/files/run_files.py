@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -64,11 +63,6 @@ def optional_package(package: str, method: str) -> Iterator[None]:
             f"{method}() needs {package}, which is not installed: pip install pandas xarray, or in a checkout "
             "pip install '.[data]'."
         ) from error
-
-
-def finite(value: Any) -> float | None:
-    """Return a value as a number for JSON; None if it is not finite or not known."""
-    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def write_csv(solution: Solution, path: str | os.PathLike[str], rate: float | None, t: ArrayLike | None) -> Path:

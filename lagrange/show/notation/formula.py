@@ -13,7 +13,7 @@ from sympy.core.function import AppliedUndef
 from lagrange.show.notation.text import ATOM, PRODUCT, SUM, FormulaPiece, Notation, index_parts
 from lagrange.statement.coordinate import RATE, name_of, t
 from lagrange.statement.statement import Statement
-from lagrange.statement.vocabulary.words import WORDS
+from lagrange.statement.vocabulary.functions import NAME_OF_CLASS
 
 LETTERS = ("G", "m M mu", "I J Theta", "g", "", "l L R r a b d h s w length radius", "omega Omega nu")
 """Parameters by the usual meaning of their letters: masses, moments of inertia, gravity, others, lengths, rates.
@@ -240,7 +240,6 @@ def _negative(term: Any) -> bool:
     return bool(term.as_coeff_Mul()[0].is_negative)
 
 
-NAMES = {word.build: name for name, word in WORDS.items()}
 RELATIONS = {
     sympy.StrictLessThan: "<",
     sympy.LessThan: "<=",
@@ -421,7 +420,7 @@ class Typesetter:
         """
         if isinstance(node, AppliedUndef) and node.args == (t,):
             return FormulaPiece(self.notation.letter(node.func.__name__), simple=True)
-        name = NAMES.get(node.func, node.func.__name__)
+        name = NAME_OF_CLASS.get(node.func, node.func.__name__)
         return self.notation.function(name, [self.piece(part) for part in node.args], exponent)
 
     def derivative(self, node: Any) -> FormulaPiece:

@@ -25,8 +25,7 @@ from lagrange.statement.scene.guard import (
     replaced,
 )
 from lagrange.statement.scene.lexer import SceneToken, refuse, tokens
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
-from lagrange.statement.vocabulary.words import ALIASES, FUNCTIONS, WORDS, FunctionWord
+from lagrange.statement.vocabulary.functions import ALIASES, ELEMENTARY, FUNCTION_NAMES, WORDS, FunctionWord
 
 DEEPEST_NESTING = 64  # Largest number of levels of nested parentheses, signs and powers
 
@@ -304,7 +303,7 @@ class Reader:
         name = token.text
         if name in self.names:
             return self.built(token.offset, ParsedValue, self.names[name], self.constants.get(name))
-        if name in FUNCTIONS:
+        if name in FUNCTION_NAMES:
             refuse(f"{name!r} is a function: write {name}(...).", token.offset)
         if self.constant:
             refuse(f"{name!r} is not allowed in a constant: write numbers, pi and functions only.", token.offset)
@@ -318,12 +317,14 @@ class Reader:
             return self.multiplier(token)
         if name in self.calls:
             return self.built(token.offset, self._other_call, name, self.in_parentheses(several=True))
-        if name in FUNCTIONS:
+        if name in FUNCTION_NAMES:
             word = WORDS[ALIASES.get(name, name)]
             return self.built(token.offset, self._applied, word, self.in_parentheses(several=True))
         if name in self.names:
             refuse(f"{name!r} is not a function: write a product with *, as in {name}*(...).", token.offset)
-        reason = f"{name!r} is not a function here; the functions are {listing(WORDS)}.{suggestion(name, FUNCTIONS)}"
+        reason = (
+            f"{name!r} is not a function here; the functions are {listing(WORDS)}.{suggestion(name, FUNCTION_NAMES)}"
+        )
         raise SceneError(reason, column=token.offset + 1)
 
     def multiplier(self, token: SceneToken) -> ParsedValue:

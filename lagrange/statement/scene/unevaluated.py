@@ -29,7 +29,7 @@ from lagrange.statement.scene.expressions import (
 )
 from lagrange.statement.scene.guard import Guard, RefusalError, check_arguments, check_power
 from lagrange.statement.scene.lexer import refuse
-from lagrange.statement.vocabulary.words import SYMPY_CLASSES, FunctionWord
+from lagrange.statement.vocabulary.functions import SYMPY_CLASSES, FunctionWord
 
 SUM, PRODUCT, FLOAT = "sum", "product", "float"
 """Calls beside those of functions; a name before a parenthesis is always a call."""

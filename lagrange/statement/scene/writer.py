@@ -29,8 +29,8 @@ from lagrange.statement.scene.scene_reader import MOST_RATES, NO_SIGN, OPEN
 from lagrange.statement.scene.unevaluated import FLOAT, PRODUCT, SUM
 from lagrange.statement.statement import REFUSE, ROD, Statement
 from lagrange.statement.units.dimension import named
+from lagrange.statement.vocabulary.functions import NAME_OF_CLASS
 from lagrange.statement.vocabulary.letters import NAME
-from lagrange.statement.vocabulary.words import WORDS
 
 SHARED = 40  # Smallest length, in characters, of a part that gets a definition because it occurs twice
 LONG_PART = 400  # Largest number of characters of a part inside another one. A longer part has a definition.
@@ -42,7 +42,6 @@ definition."""
 IF, TERM, FACTOR, BASE, ATOM = range(5)
 """Binding strength of the outermost operation of a text, weakest first."""
 
-_NAMES = {word.build: name for name, word in WORDS.items() if isinstance(word.build, type)}
 _LOGIC = {And: " and ", Or: " or "}
 
 
@@ -79,7 +78,7 @@ class SharedText:
             (sympy.Add, self._sum),
             (sympy.Mul, self._product),
             (sympy.Pow, self._power),
-            (tuple(_NAMES), self._call),
+            (tuple(NAME_OF_CLASS), self._call),
             (Relational, self._relation),
             (sympy.core.numbers.Pi, lambda _: Text("pi")),
             (sympy.core.numbers.Exp1, lambda _: Text("exp(1)")),
@@ -199,7 +198,7 @@ class SharedText:
         arguments = node.pargs if isinstance(node, sympy.Heaviside) else node.args
         if isinstance(node, sympy.exp) and node.args == (1,):
             return Text(f"exp({SUM}(1))")  # exp(1) is the constant E
-        return self._listed(_NAMES[node.func], [self._part(argument) for argument in arguments])
+        return self._listed(NAME_OF_CLASS[node.func], [self._part(argument) for argument in arguments])
 
     def _function(self, node: Any) -> Text:
         if node.func != sympy.Function(node.func.__name__):

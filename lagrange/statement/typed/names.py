@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from lagrange.statement.typed.tokens import Token
+from lagrange.statement.vocabulary.functions import ALIASES, FUNCTION_NAMES
 from lagrange.statement.vocabulary.letters import GREEK
-from lagrange.statement.vocabulary.words import ALIASES, FUNCTIONS
 
 RATES = ("", "_dot", "_ddot")  # Endings of a coordinate, its velocity and its acceleration in the strict notation
 
@@ -75,7 +75,7 @@ class Names:
         self.spellings |= {canonical(name): piece for name, piece in self.exact.items() if not piece.base}
         rates = [(f"{base}_{'t' * order}", base + RATES[order]) for base in self.bases for order in (1, 2)]
         self.exact = {typed: self.exact[name] for typed, name in rates if name in self.exact} | self.exact
-        self.words = {name: Piece(ALIASES.get(name, name), "function") for name in FUNCTIONS}
+        self.words = {name: Piece(ALIASES.get(name, name), "function") for name in FUNCTION_NAMES}
         self.words |= {name: Piece(strict, "function") for name, strict in FUNCTION_SPELLINGS.items()}
         self.words |= {"pi": Piece("pi", "pi"), "t": Piece("t", moves=True), "e": Piece("e", "e")}
         # Symbols of factors within a word. The letter e is left out, since too many words contain it.

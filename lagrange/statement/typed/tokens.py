@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from itertools import accumulate
 
 from lagrange.statement.typed.respelling import MATRIX_MARKS
+from lagrange.statement.vocabulary.functions import ALIASES, WORDS
 from lagrange.statement.vocabulary.letters import GREEK
-from lagrange.statement.vocabulary.words import ALIASES, WORDS
 
 # Combining marks above a letter, and the order of the time derivative that each means
 DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2, "\N{COMBINING THREE DOTS ABOVE}": 3}

@@ -1,10 +1,8 @@
-"""Table of the elementary functions of one number, which all stages read: one entry for each function.
+"""Functions of numbers: the elementary ones, those with kinks or several arguments, and their names in texts.
 
-Names in SymPy, in Python's `math`, in NumPy, in mpmath and in C follow from the name of the function. A language in
-which the function has another name, or is missing, states that in its own file. Square roots and cube roots are not in
-this table, since they are powers. Functions with kinks or with several arguments, such as abs and atan2, are in
-`lagrange/graph/derivative_rules.py`. Other functions that users type, such as csc, and other spellings are in
-`words.py`.
+All stages read these tables. Names in SymPy, in Python's `math`, in NumPy, in mpmath and in C follow from the name of
+an elementary function. A language in which the function has another name, or is missing, states that in its own file.
+Square roots and cube roots are not in the tables, since they are powers.
 """
 
 from __future__ import annotations
@@ -19,6 +17,8 @@ from typing import Any
 import numpy as np
 import sympy
 from mpmath import libmp
+
+from lagrange.statement.expression import modulo
 
 Rule = Callable[..., Any]  # A formula in numbers with Python's operators, such as nodes of a graph
 
@@ -124,3 +124,108 @@ ELEMENTARY: Mapping[str, Elementary] = {
     )
 }
 """Every elementary function of one number by name."""
+
+
+# --- functions of nodes
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function that nodes of a graph may call: its name, number of arguments (None: any) and derivative rules.
+
+    `partials` has one rule for each argument, which returns the derivative from the function's value and its arguments.
+    min and max always equal one of their two arguments. They have no rules. Instead `first` returns the condition that
+    the result is the first argument. They are differentiated as a choice, which ignores an infinite derivative of the
+    argument not chosen.
+    """
+
+    name: str
+    arity: int | None
+    partials: tuple[Rule, ...] = ()
+    first: Rule | None = None
+
+
+FUNCTIONS: dict[str, Function] = {
+    function.name: function
+    for function in (
+        *(Function(elementary.name, 1, (elementary.partial,)) for elementary in ELEMENTARY.values()),
+        Function("atan2", 2, (lambda y, a, b: b / (a**2 + b**2), lambda y, a, b: -a / (a**2 + b**2))),
+        Function("abs", 1, (lambda y, a: a.graph.call("sign", a),)),
+        Function("sign", 1, (lambda y, a: a.graph.zero,)),
+        Function("min", 2, first=lambda a, b: a.graph.call("less_equal", a, b)),
+        Function("max", 2, first=lambda a, b: a.graph.call("less_equal", b, a)),
+        Function("pow", 2, (lambda y, a, b: b * a ** (b - 1), lambda y, a, b: y * a.graph.call("log", a))),
+        Function("pi", 0),
+        Function("e", 0),
+        Function("nan", 0),
+        Function("less", 2),
+        Function("less_equal", 2),
+        Function("equal", 2),
+        Function("and", 2),
+        Function("or", 2),
+        Function("not", 1),
+        Function("piecewise", None),
+    )
+}
+
+CONDITIONS = frozenset(("less", "less_equal", "equal", "and", "or", "not"))
+"""Functions whose value is true or false."""
+
+ODD = frozenset(("sign", *(elementary.name for elementary in ELEMENTARY.values() if elementary.odd)))
+EVEN = frozenset(("abs", *(elementary.name for elementary in ELEMENTARY.values() if elementary.even)))
+
+EXACT: dict[tuple[Any, ...], int] = {
+    (elementary.name, elementary.exact[0]): elementary.exact[1] for elementary in ELEMENTARY.values()
+}
+"""Exact values, used to fold constants: (function, argument) to value."""
+
+FOLDS: dict[str, Callable[..., Any]] = {
+    "abs": abs,
+    "sign": lambda a: (a > 0) - (a < 0),
+    "min": min,
+    "max": max,
+}
+"""Functions that fold exact numbers to exact numbers."""
+
+
+# --- functions in texts
+
+
+@dataclass(frozen=True)
+class FunctionWord:
+    """A function: its name in texts, its constructor in SymPy, and the fewest and most arguments (None: no limit)."""
+
+    name: str
+    build: Callable[..., Any]
+    fewest: int
+    most: int | None
+
+
+WORDS: dict[str, FunctionWord] = {
+    word.name: word
+    for word in (
+        *(FunctionWord(elementary.name, elementary.symbolic, 1, 1) for elementary in ELEMENTARY.values()),
+        FunctionWord("atan2", sympy.atan2, 2, 2),
+        FunctionWord("sqrt", sympy.sqrt, 1, 1),
+        FunctionWord("cot", sympy.cot, 1, 1),
+        FunctionWord("sec", sympy.sec, 1, 1),
+        FunctionWord("csc", sympy.csc, 1, 1),
+        FunctionWord("sinc", sympy.sinc, 1, 1),
+        FunctionWord("heaviside", sympy.Heaviside, 1, 2),
+        FunctionWord("abs", sympy.Abs, 1, 1),
+        FunctionWord("sign", sympy.sign, 1, 1),
+        FunctionWord("min", sympy.Min, 1, None),
+        FunctionWord("max", sympy.Max, 1, None),
+        FunctionWord("mod", modulo, 2, 2),
+    )
+}
+
+ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log", "Heaviside": "heaviside", "Mod": "mod"}
+"""Other spellings of functions in texts."""
+
+FUNCTION_NAMES = frozenset((*WORDS, *ALIASES))  # Names of functions in every spelling
+
+NAME_OF_CLASS: Mapping[Any, str] = {word.build: name for name, word in WORDS.items() if isinstance(word.build, type)}
+"""Name in texts by SymPy class."""
+
+SYMPY_CLASSES = frozenset((*NAME_OF_CLASS, sympy.Piecewise))  # SymPy function classes that an energy may contain
