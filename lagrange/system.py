@@ -197,8 +197,7 @@ class System:
         These are generalized forces, G^T lambda: lambda dphi/dq of a constraint phi = 0 on positions, lambda dpsi/dv of
         a constraint psi = 0 on velocities (Chetaev's rule where psi is not linear in them).
         """
-        by_constraint = self._derivation.constraint_forces.items()
-        return ByName("constraint", ((name, dict(forces)) for name, forces in by_constraint))
+        return ByName("constraint", ((name, dict(each)) for name, each in self._derivation.constraint_forces.items()))
 
     @property
     def kinetic(self) -> Any:

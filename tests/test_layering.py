@@ -38,7 +38,7 @@ STAGES = (
 TOP = len(STAGES)
 """Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""
 TABLES = (
-    "lagrange", "lagrange.__main__", "lagrange.compiler", "lagrange.statement.display",
+    "lagrange", "lagrange.__main__", "lagrange.cli.program", "lagrange.compiler", "lagrange.statement.display",
     "lagrange.export.target",
 )  # fmt: skip
 """Modules that load others by name: public names, command line, machines, pages of results, languages of exports."""

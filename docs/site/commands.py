@@ -25,5 +25,6 @@ def write(path: Path) -> None:
     found = next(action for action in top._actions if isinstance(action, argparse._SubParsersAction))
     parts = [INTRODUCTION]
     for name, command in found.choices.items():
+        command.add_options(command)
         parts.append(f"## lagrange {name}\n\n```text\n{command.format_help()}```\n")
     write_changed(path, "\n".join(parts))

@@ -6,7 +6,7 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import pi
 from pathlib import Path
@@ -51,7 +51,19 @@ class Help(argparse.HelpFormatter):
 
 
 class CommandParser(argparse.ArgumentParser):
-    """A parser whose error messages suggest the nearest known word, and fit the width of the terminal."""
+    """A parser whose error messages suggest the nearest known word, and fit the width of the terminal.
+
+    `add_options` adds the arguments of a command when it is parsed, so that the modules of others are not loaded.
+    """
+
+    add_options: Callable[[CommandParser], None] | None = None
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """Add the options of the command, then parse the arguments."""
+        if self.add_options is not None:
+            add, self.add_options = self.add_options, None
+            add(self)
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Print the usage and the error, and exit with code 2."""
@@ -69,26 +81,18 @@ class CommandParser(argparse.ArgumentParser):
         return ""
 
 
-def add_command(commands: Any, name: str, function: Any, summary: str, *, takes_scene: bool = True) -> Any:
-    """Add a command with the options that all commands share, and return its parser.
-
-    `function` runs the command, `summary` is its line of help. With `takes_scene` its argument is a scene.
-    """
-    command = commands.add_parser(
-        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False, formatter_class=Help
-    )
-    command.set_defaults(command=function, parser=command)
-    if takes_scene:
-        command.add_argument("scene", metavar="SCENE", help="a scene file, or a name that `lagrange scenes` lists")
-    return command
+def add_scene(command: CommandParser, function: Callable[[argparse.Namespace], Answer]) -> None:
+    """Set the function that runs a command, and add the argument of the command, a scene."""
+    command.set_defaults(command=function)
+    command.add_argument("scene", metavar="SCENE", help="a scene file, or a name that `lagrange scenes` lists")
 
 
-def add_json(command: Any) -> None:
+def add_json(command: CommandParser) -> None:
     """Add the option --json, which prints the answer as data."""
     command.add_argument("--json", action="store_true", help="print one JSON document instead of text")
 
 
-def add_start(command: Any, *, method: bool = True) -> None:
+def add_start(command: CommandParser, *, method: bool = True) -> None:
     """Add the options of a run: parameters, initial state, end time, and with `method` the integration method."""
     add_parameters(command)
     add_initial(command)
@@ -97,14 +101,14 @@ def add_start(command: Any, *, method: bool = True) -> None:
         command.add_argument(f"--{name}", metavar=metavar, help=DESCRIPTIONS[name])
 
 
-def add_parameters(command: Any) -> None:
+def add_parameters(command: CommandParser) -> None:
     """Add the option --set, which sets values of parameters and is stored as `request.set`."""
     command.add_argument(
         "--set", metavar="NAME=VALUE", action="append", default=[], help="value of a parameter, such as m=2"
     )
 
 
-def add_initial(command: Any) -> None:
+def add_initial(command: CommandParser) -> None:
     """Add the option --initial, which sets initial values and is stored as `request.initial`."""
     text = "initial value, such as theta=30deg or theta_dot=1"
     command.add_argument("--initial", metavar="NAME=VALUE", action="append", default=[], help=text)

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lagrange.cli.arguments import DONE, FAILED, Answer, add_command, add_json, load_scene
+from lagrange.cli.arguments import DONE, FAILED, Answer, CommandParser, add_json, add_scene, load_scene
 from lagrange.errors import StatementError
 from lagrange.show.files.atomic_file import check_place, write_atomically, write_rows
 from lagrange.show.terminal import columns_of_output
@@ -29,16 +29,16 @@ _CONTROL = re.compile(r"[\0-\x08\x0e-\x1f]|\A(?:%PDF|\{\\rtf)")
 UNREADABLE = "cannot be read"  # Verdict for an answer that cannot be read
 
 
-def add_grade(commands: Any) -> None:
-    """Add the command `grade` to the command line."""
-    grade_ = add_command(commands, "grade", grade, "compare equations of motion in a file or folder with a scene's")
-    grade_.add_argument(
+def add_grade(command: CommandParser) -> None:
+    """Add the arguments of `grade`."""
+    add_scene(command, grade)
+    command.add_argument(
         "file",
         metavar="FILE",
         help="equations as people type them, such as  l theta'' + g sin theta = 0;  or a folder with a file a student",
     )
-    grade_.add_argument("--out", metavar="TABLE.csv", help="file for the table of a folder")
-    add_json(grade_)
+    command.add_argument("--out", metavar="TABLE.csv", help="file for the table of a folder")
+    add_json(command)
 
 
 def grade(request: argparse.Namespace) -> Answer:

@@ -1,6 +1,6 @@
-"""The command line: its parser, the commands derive, check, new and scenes, and the template of a new scene.
+"""The command line: the table of commands, the parser, the commands derive, check, scenes and new, and a new scene.
 
-Only argparse is imported before the arguments are parsed, so that help appears at once.
+Neither SymPy nor NumPy is imported before the arguments are parsed, so that help appears at once.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ import io
 import json
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -24,15 +26,12 @@ from lagrange.cli.arguments import (
     Answer,
     CommandParser,
     Help,
-    add_command,
     add_json,
+    add_scene,
     folder,
     load_scene,
 )
-from lagrange.cli.grade import add_grade
 from lagrange.cli.interruption import SENTENCE, Signalled, complain, output
-from lagrange.cli.running import add_ensemble, add_race, add_run
-from lagrange.cli.writing import add_export, add_page, add_pictures
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notation.text import plain_text
@@ -40,6 +39,23 @@ from lagrange.show.terminal import ABOVE, DETAILS, FORMATS, columns_of_output, f
 from lagrange.statement.display import text_table
 from lagrange.statement.run_settings import DEFAULT_METHOD, DEFAULT_T_END
 from lagrange.statement.scene.toml_document import Document
+
+COMMANDS: Mapping[str, tuple[str, str]] = {
+    "run": ("lagrange.cli.running", "compile a scene, run it and print how it went"),
+    "plot": ("lagrange.cli.writing", "run a scene and write a picture of the run"),
+    "animate": ("lagrange.cli.writing", "run a scene and write it as a picture that moves"),
+    "derive": ("lagrange.cli.program", "print Lagrangian, momenta, equations of motion and accelerations"),
+    "check": ("lagrange.cli.program", "compare everything compiled with numerical differentiation of T and V"),
+    "race": ("lagrange.cli.running", "measure error against time of integration methods on a scene"),
+    "grade": ("lagrange.cli.grade", "compare equations of motion in a file or folder with a scene's"),
+    "export": ("lagrange.cli.writing", "write a scene as source files for other solvers"),
+    "targets": ("lagrange.cli.writing", "list the targets of export"),
+    "ensemble": ("lagrange.cli.running", "run a scene from many starts, or with many parameters"),
+    "page": ("lagrange.cli.writing", "write a web page on which a scene moves, one file that needs no network"),
+    "scenes": ("lagrange.cli.program", "list the library of scenes"),
+    "new": ("lagrange.cli.program", "write a commented scene file to start from"),
+}
+"""Commands in the order of the help: the module, imported when the command is parsed, and the line of help."""
 
 STARTER = """\
 # A scene: one mechanical system, stated by its energies. Run it with:  lagrange run {file}
@@ -139,35 +155,28 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"lagrange {lg.__version__}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    add_run(commands)
-    add_pictures(commands)
-    derive_ = add_command(
-        commands, "derive", derive, "print Lagrangian, momenta, equations of motion and accelerations"
-    )
-    derive_.add_argument(
+    for name, (place, summary) in COMMANDS.items():
+        about = f"{summary[0].upper()}{summary[1:]}."
+        command = commands.add_parser(name, help=summary, description=about, allow_abbrev=False, formatter_class=Help)
+        command.set_defaults(parser=command)
+        command.add_options = partial(_add_options, place, name)
+    return top
+
+
+def _add_options(place: str, name: str, command: CommandParser) -> None:
+    """Add the arguments of the command `name`, by the function add_`name` of the module `place`."""
+    getattr(import_module(place), f"add_{name}")(command)
+
+
+def add_derive(command: CommandParser) -> None:
+    """Add the arguments of `derive`."""
+    add_scene(command, derive)
+    command.add_argument(
         "--format", choices=FORMATS, help="language of the page (default: unicode in a terminal that has it, else text)"
     )
     for field in ABOVE:
-        derive_.add_argument(f"--{field}", metavar="TEXT", default="", help=f"the {field} above the derivation")
-    derive_.add_argument("--detail", choices=DETAILS, default="full", help="short leaves out the steps (default: full)")
-    check_ = add_command(
-        commands, "check", check, "compare everything compiled with numerical differentiation of T and V"
-    )
-    add_json(check_)
-    add_race(commands)
-    add_grade(commands)
-    add_export(commands)
-    add_ensemble(commands)
-    add_page(commands)
-    scenes_ = add_command(commands, "scenes", scenes, "list the library of scenes", takes_scene=False)
-    scenes_.add_argument(
-        "--long", action="store_true", help="with coordinates, constraints, end, method and source of each"
-    )
-    add_json(scenes_)
-    new_ = add_command(commands, "new", new, "write a commented scene file to start from", takes_scene=False)
-    new_.add_argument("name", metavar="NAME", help="name of the scene; the file is NAME.toml")
-    new_.add_argument("--out", metavar="DIR", default=".", help="folder to write it to (default: this one)")
-    return top
+        command.add_argument(f"--{field}", metavar="TEXT", default="", help=f"the {field} above the derivation")
+    command.add_argument("--detail", choices=DETAILS, default="full", help="short leaves out the steps (default: full)")
 
 
 def derive(request: argparse.Namespace) -> Answer:
@@ -177,10 +186,23 @@ def derive(request: argparse.Namespace) -> Answer:
     return Answer(DONE, derivation.written(request.format, **above).rstrip("\n"))
 
 
+def add_check(command: CommandParser) -> None:
+    """Add the arguments of `check`."""
+    add_scene(command, check)
+    add_json(command)
+
+
 def check(request: argparse.Namespace) -> Answer:
     """Check a scene's compiled equations and return the report."""
     report = load_scene(request).check()
     return Answer(DONE if report else FAILED, str(report), report.to_dict())
+
+
+def add_new(command: CommandParser) -> None:
+    """Add the arguments of `new`."""
+    command.set_defaults(command=new)
+    command.add_argument("name", metavar="NAME", help="name of the scene; the file is NAME.toml")
+    command.add_argument("--out", metavar="DIR", default=".", help="folder to write it to (default: this one)")
 
 
 def new(request: argparse.Namespace) -> Answer:
@@ -210,6 +232,15 @@ def _print(answer: Answer, *, as_json: bool) -> int:
 
 
 SCENES = Path(__file__).resolve().parent.parent / "scenes"
+
+
+def add_scenes(command: CommandParser) -> None:
+    """Add the arguments of `scenes`."""
+    command.set_defaults(command=scenes)
+    command.add_argument(
+        "--long", action="store_true", help="with coordinates, constraints, end, method and source of each"
+    )
+    add_json(command)
 
 
 def scenes(request: argparse.Namespace) -> Answer:

@@ -16,8 +16,9 @@ from lagrange.cli.arguments import (
     INTERRUPTED,
     PICTURES,
     Answer,
-    add_command,
+    CommandParser,
     add_json,
+    add_scene,
     add_start,
     code_of,
     count,
@@ -38,16 +39,18 @@ if TYPE_CHECKING:
     from lagrange.system import System
 
 
-def add_run(commands: Any) -> None:
-    """Add the command `run` to the command line."""
-    run_ = add_command(commands, "run", run, "compile a scene, run it and print how it went")
-    add_start(run_)
-    run_.add_argument("--points", metavar="N", help="output at N equally spaced times instead of at every step")
-    run_.add_argument(
+def add_run(command: CommandParser) -> None:
+    """Add the arguments of `run`."""
+    add_scene(command, run)
+    add_start(command)
+    command.add_argument("--points", metavar="N", help="output at N equally spaced times instead of at every step")
+    command.add_argument(
         "--out", metavar="DIR", help="folder for trajectory.csv, trajectory.png and card.json; made if need be"
     )
-    run_.add_argument("--no-check", action="store_true", help="skip the check of the compiled equations before the run")
-    add_json(run_)
+    command.add_argument(
+        "--no-check", action="store_true", help="skip the check of the compiled equations before the run"
+    )
+    add_json(command)
 
 
 def run(request: argparse.Namespace) -> Answer:
@@ -87,20 +90,20 @@ def _in_folder(code: int, result: Any, data: dict[str, Any], target: Path | None
     return Answer(code, repr(result) + written, {**data, "files": [str(path) for path in files]})
 
 
-def add_race(commands: Any) -> None:
-    """Add the command `race` to the command line."""
-    race_ = add_command(commands, "race", race, "measure error against time of integration methods on a scene")
-    add_start(race_, method=False)
-    race_.add_argument("--methods", metavar="A,B", help="methods, such as dop853,rk4 (default: a telling choice)")
-    race_.add_argument("--tolerances", metavar="X,Y", help="tolerances of adaptive methods (default: 1e-3 to 1e-13)")
-    race_.add_argument("--steps", metavar="H,K", help="steps of methods with equal steps (default: nine that fit)")
-    race_.add_argument("--outputs", metavar="N", help="look at the errors at N times instead of the end")
-    race_.add_argument("--relative", action="store_true", help="divide each entry's error by the entry's size")
-    race_.add_argument("--digits", metavar="N", help="digits of the reference (default: 22)")
-    race_.add_argument("--repeats", metavar="N", help="timed runs, of which the fastest counts (default: 5)")
-    race_.add_argument("--max-wall", metavar="S", help="seconds after which a run is ended (default: 10)")
-    race_.add_argument("--out", metavar="DIR", help="folder for table.csv and plot.png; made if need be")
-    add_json(race_)
+def add_race(command: CommandParser) -> None:
+    """Add the arguments of `race`."""
+    add_scene(command, race)
+    add_start(command, method=False)
+    command.add_argument("--methods", metavar="A,B", help="methods, such as dop853,rk4 (default: a telling choice)")
+    command.add_argument("--tolerances", metavar="X,Y", help="tolerances of adaptive methods (default: 1e-3 to 1e-13)")
+    command.add_argument("--steps", metavar="H,K", help="steps of methods with equal steps (default: nine that fit)")
+    command.add_argument("--outputs", metavar="N", help="look at the errors at N times instead of the end")
+    command.add_argument("--relative", action="store_true", help="divide each entry's error by the entry's size")
+    command.add_argument("--digits", metavar="N", help="digits of the reference (default: 22)")
+    command.add_argument("--repeats", metavar="N", help="timed runs, of which the fastest counts (default: 5)")
+    command.add_argument("--max-wall", metavar="S", help="seconds after which a run is ended (default: 10)")
+    command.add_argument("--out", metavar="DIR", help="folder for table.csv and plot.png; made if need be")
+    add_json(command)
 
 
 def race(request: argparse.Namespace) -> Answer:
@@ -127,9 +130,9 @@ TABLE, STORE = ".csv", ".zarr"
 """Suffixes: a CSV file with a line for each member, and a folder to which results are written block by block."""
 
 
-def add_ensemble(commands: Any) -> None:
-    """Add the command `ensemble` to the command line."""
-    command = add_command(commands, "ensemble", ensemble, "run a scene from many starts, or with many parameters")
+def add_ensemble(command: CommandParser) -> None:
+    """Add the arguments of `ensemble`."""
+    add_scene(command, ensemble)
     command.add_argument(
         "--vary",
         metavar="NAME=LOW:HIGH:COUNT",

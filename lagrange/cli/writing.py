@@ -13,10 +13,11 @@ from lagrange.cli.arguments import (
     DONE,
     PICTURES,
     Answer,
-    add_command,
+    CommandParser,
     add_initial,
     add_json,
     add_parameters,
+    add_scene,
     add_start,
     assignments,
     code_of,
@@ -32,19 +33,18 @@ from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import check_place, write_atomically
 
 
-def add_export(commands: Any) -> None:
-    """Add the commands `export` and `targets` to the command line."""
-    export_ = add_command(commands, "export", export, "write a scene as source files for other solvers")
-    export_.add_argument("--target", required=True, metavar="NAME", help="such as c; `lagrange targets` lists them")
-    export_.add_argument("--out", required=True, metavar="DIR", help="folder for the files")
-    export_.add_argument(
+def add_export(command: CommandParser) -> None:
+    """Add the arguments of `export`."""
+    add_scene(command, export)
+    command.add_argument("--target", required=True, metavar="NAME", help="such as c; `lagrange targets` lists them")
+    command.add_argument("--out", required=True, metavar="DIR", help="folder for the files")
+    command.add_argument(
         "--contents",
         metavar="LIST",
         help="names with commas, such as rhs,energy,jacobian,dop853,main; rhs,energy unless it is given",
     )
-    add_parameters(export_)
-    add_json(export_)
-    add_json(add_command(commands, "targets", targets, "list the targets of export", takes_scene=False))
+    add_parameters(command)
+    add_json(command)
 
 
 def export(request: argparse.Namespace) -> Answer:
@@ -58,6 +58,12 @@ def export(request: argparse.Namespace) -> Answer:
     )
 
 
+def add_targets(command: CommandParser) -> None:
+    """Add the arguments of `targets`."""
+    command.set_defaults(command=targets)
+    add_json(command)
+
+
 def targets(request: argparse.Namespace) -> Answer:
     """List the targets, each with a one-line description."""
     del request
@@ -65,22 +71,20 @@ def targets(request: argparse.Namespace) -> Answer:
     return Answer(DONE, str(table), dict(table))
 
 
-def add_page(commands: Any) -> None:
-    """Add the command `page` to the command line."""
-    page_ = add_command(
-        commands, "page", page, "write a web page on which a scene moves, one file that needs no network"
-    )
-    page_.add_argument("--out", required=True, metavar="FILE", help="the file to write, such as page.html")
-    add_parameters(page_)
-    add_initial(page_)
-    page_.add_argument(
+def add_page(command: CommandParser) -> None:
+    """Add the arguments of `page`."""
+    add_scene(command, page)
+    command.add_argument("--out", required=True, metavar="FILE", help="the file to write, such as page.html")
+    add_parameters(command)
+    add_initial(command)
+    command.add_argument(
         "--slider",
         metavar="NAME=LOW:HIGH",
         action="append",
         default=[],
         help="a slider to show first, with its bounds, such as l=0.5:2",
     )
-    add_json(page_)
+    add_json(command)
 
 
 def page(request: argparse.Namespace) -> Answer:
@@ -95,34 +99,21 @@ def page(request: argparse.Namespace) -> Answer:
     )
 
 
-def add_pictures(commands: Any) -> None:
-    """Add the commands `plot` and `animate` to the command line."""
-    plot_ = add_command(commands, "plot", plot, "run a scene and write a picture of the run")
-    plot_.add_argument(
+def add_plot(command: CommandParser) -> None:
+    """Add the arguments of `plot`."""
+    add_scene(command, plot)
+    command.add_argument(
         "--out", metavar="FILE", help="picture to write: .png, .svg or .pdf (default: the name of the scene with .png)"
     )
-    plot_.add_argument(
+    command.add_argument(
         "--what",
         metavar="LIST",
         help="names with commas: coordinates, velocities, phase, energies, drift, invariants, path, multipliers, "
         "violation, or a coordinate (default: what there is to see)",
     )
-    plot_.add_argument("--style", choices=("light", "dark"), default="light", help="colours (default: light)")
-    animate_ = add_command(commands, "animate", animate, "run a scene and write it as a picture that moves")
-    animate_.add_argument(
-        "--out",
-        metavar="FILE",
-        help="file to write: .html for a page with a player, .gif, or .mp4, which needs ffmpeg (default: the name of "
-        "the scene with .html)",
-    )
-    animate_.add_argument("--speed", metavar="X", help="time of the run per time on the screen (default: 1 if it fits)")
-    animate_.add_argument("--fps", metavar="N", help=f"frames per second, 1 to 60 (default: {DEFAULT_FPS:g})")
-    animate_.add_argument("--size", metavar="WxH", help="width and height in pixels, such as 640x480")
-    animate_.add_argument("--style", choices=("auto", "light", "dark"), default="auto", help="colours (default: auto)")
-    animate_.add_argument("--trail", metavar="T", help="time that trails go back; 0 for none")
-    for command in (plot_, animate_):
-        add_start(command)
-        add_json(command)
+    command.add_argument("--style", choices=("light", "dark"), default="light", help="colours (default: light)")
+    add_start(command)
+    add_json(command)
 
 
 def plot(request: argparse.Namespace) -> Answer:
@@ -139,6 +130,24 @@ def plot(request: argparse.Namespace) -> Answer:
     said = f"{_remark(solution)}written to {written}"
     data = {"file": str(written), "status": solution.status.value, "message": solution.message}
     return Answer(code_of(solution), said, data)
+
+
+def add_animate(command: CommandParser) -> None:
+    """Add the arguments of `animate`."""
+    add_scene(command, animate)
+    command.add_argument(
+        "--out",
+        metavar="FILE",
+        help="file to write: .html for a page with a player, .gif, or .mp4, which needs ffmpeg (default: the name of "
+        "the scene with .html)",
+    )
+    command.add_argument("--speed", metavar="X", help="time of the run per time on the screen (default: 1 if it fits)")
+    command.add_argument("--fps", metavar="N", help=f"frames per second, 1 to 60 (default: {DEFAULT_FPS:g})")
+    command.add_argument("--size", metavar="WxH", help="width and height in pixels, such as 640x480")
+    command.add_argument("--style", choices=("auto", "light", "dark"), default="auto", help="colours (default: auto)")
+    command.add_argument("--trail", metavar="T", help="time that trails go back; 0 for none")
+    add_start(command)
+    add_json(command)
 
 
 def animate(request: argparse.Namespace) -> Answer:
