@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import lagrange as lg
 from lagrange.errors import LagrangeError, StatementError, suggestion
-from lagrange.show.terminal import fitted
+from lagrange.statement.display import fitted
 from lagrange.statement.run_settings import DESCRIPTIONS
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 from lagrange.cli.arguments import DONE, FAILED, Answer, CommandParser, add_json, add_scene, load_scene
 from lagrange.errors import StatementError
 from lagrange.show.files.atomic_file import check_place, write_atomically, write_rows
-from lagrange.show.terminal import columns_of_output
-from lagrange.statement.display import counter, text_table
+from lagrange.statement.display import columns_of_output, counter, text_table
 
 if TYPE_CHECKING:
     from lagrange.system import System

@@ -35,8 +35,7 @@ from lagrange.cli.interruption import SENTENCE, Signalled, complain, output
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notation.text import plain_text
-from lagrange.show.terminal import ABOVE, DETAILS, FORMATS, columns_of_output, fitted
-from lagrange.statement.display import text_table
+from lagrange.statement.display import ABOVE, DETAILS, FORMATS, columns_of_output, fitted, text_table
 from lagrange.statement.run_settings import DEFAULT_METHOD, DEFAULT_T_END
 from lagrange.statement.scene.toml_document import Document
 

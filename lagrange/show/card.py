@@ -11,9 +11,8 @@ import numpy as np
 
 from lagrange.errors import counted, listing
 from lagrange.show.notebook.html_card import image, pairs
-from lagrange.show.terminal import duration
 from lagrange.statement.coordinate import row_label
-from lagrange.statement.display import text_table
+from lagrange.statement.display import duration, text_table
 from lagrange.statement.rotation import quaternion_rows
 from lagrange.statement.statement import unit_of
 from lagrange.trajectory.measures.conservation import drift_lines

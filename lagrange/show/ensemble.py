@@ -59,9 +59,8 @@ from lagrange.show.files.atomic_file import write_atomically, write_rows
 from lagrange.show.files.picture import picture
 from lagrange.show.files.run_files import optional_package
 from lagrange.show.notebook.html_card import pairs, pictured
-from lagrange.show.terminal import duration
 from lagrange.statement.coordinate import row_label
-from lagrange.statement.display import LINES, announced, counter, text_table
+from lagrange.statement.display import LINES, announced, counter, duration, text_table
 from lagrange.statement.event import declare_events
 from lagrange.statement.expression import flag_or_word, whole_number
 from lagrange.statement.run_settings import DEFAULT_METHOD

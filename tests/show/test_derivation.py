@@ -11,9 +11,9 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.equations import derivation as equations
 from lagrange.show.notebook.shown_derivation import ShownDerivation, written_derivation
-from lagrange.show.terminal import FORMATS
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
+from lagrange.statement.display import FORMATS
 from tests.models import shared_scene
 from tests.refusals import refusal
 

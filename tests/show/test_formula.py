@@ -18,9 +18,8 @@ from lagrange.show.derivation_page import LineWriter
 from lagrange.show.notation.latex_mathml import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import READABLE, Formula, ShownQuantity
 from lagrange.show.notation.text import Notation, UnicodeNotation, latex_text, markdown_text, plain_text
-from lagrange.show.terminal import terminal_style
 from lagrange.statement.declare import declare
-from lagrange.statement.display import text_table
+from lagrange.statement.display import terminal_style, text_table
 from tests.models import shared_scene
 
 x, y, theta, phi = lg.coordinates("x y theta phi")

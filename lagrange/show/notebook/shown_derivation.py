@@ -24,9 +24,8 @@ from lagrange.show.notebook.page_writer import (
     listed,
     operations,
 )
-from lagrange.show.terminal import DETAILS, FORMATS, terminal_style
 from lagrange.statement.coordinate import name_of
-from lagrange.statement.display import announced
+from lagrange.statement.display import DETAILS, FORMATS, announced, terminal_style
 from lagrange.statement.expression import one_of, text
 from lagrange.statement.statement import Statement, unit_of
 
