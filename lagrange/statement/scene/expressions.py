@@ -19,12 +19,14 @@ from lagrange.statement.scene.guard import (
     MOST_BRANCHES,
     Guard,
     RefusalError,
+    SceneToken,
     check_arguments,
     check_compared,
     check_power,
+    refuse,
     replaced,
+    tokens,
 )
-from lagrange.statement.scene.lexer import SceneToken, refuse, tokens
 from lagrange.statement.vocabulary.functions import ALIASES, ELEMENTARY, FUNCTION_NAMES, WORDS, FunctionWord
 
 DEEPEST_NESTING = 64  # Largest number of levels of nested parentheses, signs and powers

@@ -27,8 +27,7 @@ from lagrange.statement.scene.expressions import (
     check_arity,
     term_of,
 )
-from lagrange.statement.scene.guard import Guard, RefusalError, check_arguments, check_power
-from lagrange.statement.scene.lexer import refuse
+from lagrange.statement.scene.guard import Guard, RefusalError, check_arguments, check_power, refuse
 from lagrange.statement.vocabulary.functions import SYMPY_CLASSES, FunctionWord
 
 SUM, PRODUCT, FLOAT = "sum", "product", "float"

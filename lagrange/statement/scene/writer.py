@@ -23,8 +23,7 @@ from lagrange.statement.given.motion import TabulatedFunction, motion_of, table_
 from lagrange.statement.parameters import label_of, rate_name
 from lagrange.statement.rotation import rotation_of
 from lagrange.statement.scene.expressions import MULTIPLIER
-from lagrange.statement.scene.guard import RefusalError
-from lagrange.statement.scene.lexer import LONGEST_EVALUATED
+from lagrange.statement.scene.guard import LONGEST_EVALUATED, RefusalError
 from lagrange.statement.scene.scene_reader import MOST_RATES, NO_SIGN, OPEN
 from lagrange.statement.scene.unevaluated import FLOAT, PRODUCT, SUM
 from lagrange.statement.statement import REFUSE, ROD, Statement
