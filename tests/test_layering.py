@@ -149,8 +149,8 @@ def hidden_imports(modules: Modules) -> list[str]:
     return result
 
 
-MOST_LOADED = 120
-"""Modules that stating a system and showing its derivation may load: 100 today."""
+MOST_LOADED = 80
+"""Modules that stating a system and showing its derivation may load: 67 today."""
 
 
 def loaded_by(start: str, modules: Modules) -> set[str]:
