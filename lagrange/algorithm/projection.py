@@ -62,7 +62,7 @@ def state_array(block: int) -> Array:
     return Array(room=block)
 
 
-@procedure(apart=True, corrections=lambda: CORRECTIONS, state=state_array, lost=state_array)
+@procedure(noinline=True, corrections=lambda: CORRECTIONS, state=state_array, lost=state_array)
 def project(
     corrections: Callable[..., Any], numbers: In, t: float, state: Out, lost: Out, *, dimension: int, block: int
 ) -> tuple[Outcome, bool]:
@@ -93,7 +93,7 @@ def project(
     return Outcome.UNPROJECTED, has_moved
 
 
-@procedure(apart=True, corrections=lambda: CORRECTIONS, state=lambda: state_array(1))
+@procedure(noinline=True, corrections=lambda: CORRECTIONS, state=lambda: state_array(1))
 def starts_on_constraints(
     corrections: Callable[..., Any], numbers: In, t: float, state: Out, *, dimension: int, relations: bool
 ) -> bool:

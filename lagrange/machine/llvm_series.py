@@ -399,5 +399,5 @@ def _events(well: bool) -> Module:
     If `well`, they are optimized, else compiled quickly.
     """
     reached = transitive_callees(event_procedures())
-    texts = [function(each, hidden=each not in event_procedures(), merged=not each.apart) for each in reached]
+    texts = [function(each, hidden=each not in event_procedures(), merged=not each.noinline) for each in reached]
     return provide(event_procedures(), Module(joined(texts), merge=well, quickly=not well))

@@ -54,8 +54,8 @@ class OpenBranches:
 class Builder:
     """A procedure under construction. Its methods add statements, and accept Python numbers for values."""
 
-    def __init__(self, name: str, about: str, *, apart: bool = False) -> None:
-        self.name, self.about, self._apart = name, about, apart
+    def __init__(self, name: str, about: str, *, noinline: bool = False) -> None:
+        self.name, self.about, self._noinline = name, about, noinline
         self.parameters: list[form.Parameter] = []
         self.names: dict[int, str] = {}
         self.current: list[Statement] = []
@@ -384,7 +384,7 @@ class Builder:
     def finish(self, *results: Kind) -> Procedure:
         """Return the finished procedure, whose results have the given kinds."""
         body: Block = tuple(self.current)
-        return Procedure(self.name, self.about, tuple(self.parameters), results, body, dict(self.names), self._apart)
+        return Procedure(self.name, self.about, tuple(self.parameters), results, body, dict(self.names), self._noinline)
 
     def unused(self) -> int:
         """Return an unused id for a new value."""

@@ -414,7 +414,7 @@ Block = tuple[Statement, ...]
 class Procedure:
     """A checked algorithm. `about` is a sentence that describes it. `names` maps ids to names in the algorithm.
 
-    A procedure that is `apart` runs rarely, or has several callers: printers do not inline it.
+    A procedure that is `noinline` runs rarely, or has several callers: printers do not inline it.
     """
 
     name: str
@@ -423,7 +423,7 @@ class Procedure:
     results: tuple[Kind | Vector, ...]
     body: Block
     names: Mapping[int, str]
-    apart: bool = False
+    noinline: bool = False
 
     @property
     def numbers(self) -> tuple[Kind, ...]:

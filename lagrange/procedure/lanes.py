@@ -127,7 +127,7 @@ class _Rewriter(Visitor, MemberStatements):
         pairs = zip(self.procedure.numbers, self.spread.results, strict=True)
         results = tuple(of_width(kind, self.lanes if differs else 1) for kind, differs in pairs)
         body, about = tuple(self.out), self.procedure.about
-        return Procedure(name, about, tuple(parameters), results, body, {}, self.procedure.apart)
+        return Procedure(name, about, tuple(parameters), results, body, {}, self.procedure.noinline)
 
     def parameter(self, parameter: Parameter, share: Share) -> list[Parameter]:
         """Return the new parameters for an old one. `share` says whether the argument differs between members."""

@@ -36,7 +36,7 @@ def exchange(x: float, data: Rows) -> tuple[float, bool]:
     return x, False
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def exchanged(x: float, data: Rows) -> tuple[float, bool]:
     return exchange(x, data)
 

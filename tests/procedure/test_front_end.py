@@ -219,7 +219,7 @@ def _same(kind: Any, /) -> Any:
 def refused(function: Any, *words: str, **types: Any) -> None:
     """Assert that a function is refused with a message. `types` are the types of parameters without annotation."""
     given: dict[str, Any] = {name: partial(_same, kind) for name, kind in types.items()}
-    declared = Plain(function, apart=False, types=given)
+    declared = Plain(function, noinline=False, types=given)
     with pytest.raises(LagrangeError) as caught:
         declared.form()
     message = str(caught.value)

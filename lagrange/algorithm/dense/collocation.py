@@ -66,7 +66,7 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
     return StepPolynomial(collocation, ROOM, s + 1, s, table, vectors=4 * s, matrices=matrices, derivative=True)
 
 
-@procedure(apart=True, block=block_type)
+@procedure(noinline=True, block=block_type)
 def increments(block: PolynomialBlock) -> None:
     """Write the change of the state from the start of each step to each of its stages to `block.out`.
 

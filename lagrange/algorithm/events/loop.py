@@ -427,7 +427,7 @@ def go_back(loop: EventLoop) -> None:
     run.due, run.way = watch.review.event + 1, watch.review.way
 
 
-@procedure(apart=True, loop=loop_type)
+@procedure(noinline=True, loop=loop_type)
 def reset(loop: EventLoop) -> bool:
     """Apply the reset of the event that changes the motion at the present state, and return True.
 

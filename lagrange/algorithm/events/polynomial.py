@@ -70,7 +70,7 @@ def evaluate(polynomials: tuple[Readable[float], ...], count: int, s: float) -> 
     return tuple(fma(square, fma(s, sums[i + 3], sums[i + 2]), fma(s, sums[i + 1], sums[i])) for i in starts)
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def value(c: In, count: int, s: float) -> float:
     """Return the value at s of the polynomial with the `count` coefficients c, the lowest power first.
 
@@ -79,7 +79,7 @@ def value(c: In, count: int, s: float) -> float:
     return evaluate((c,), count, s)[0]
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def derivative(c: In, count: int, slopes: Out) -> None:
     """Write the coefficients of the derivative of a polynomial to `slopes`, padded with zeros to whole blocks.
 
@@ -90,7 +90,7 @@ def derivative(c: In, count: int, slopes: Out) -> None:
     pad(slopes, count - 1, count)
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def crossing(c: In, slopes: In, count: int, begin: float, end: float, sign: int) -> float:
     """Return the zero of a polynomial between `begin` and `end` beyond which it has the sign `sign`, 1 or -1.
 
@@ -130,7 +130,7 @@ def inverse_cubic(points: Pair, values: Pair, slopes: Pair) -> float:
     return point if is_rising and begin < point < end else begin - below * chord
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def approach(c: In, slopes: In, count: int, begin: float, end: float, start: float, sign: int) -> float:
     """Return the zero of a polynomial between `begin` and `end`, by Newton's method from the point `start`.
 
@@ -162,7 +162,7 @@ def approach(c: In, slopes: In, count: int, begin: float, end: float, start: flo
     return point
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def passage(c: In, count: int, low: float, high: float, sign: int) -> float:
     """Return the zero of a polynomial c between `low` and `high` beyond which it has the sign `sign`, 1 or -1.
 
@@ -173,7 +173,7 @@ def passage(c: In, count: int, low: float, high: float, sign: int) -> float:
     return crossing(c, slopes, count, low, high, sign)
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def turn(c: In, count: int, low: float, point: float, high: float, depth: float, sign: int, noise: float) -> float:
     """Return the point near `point`, between `low` and `high`, at which a polynomial times `sign` is least.
 
@@ -188,7 +188,7 @@ def turn(c: In, count: int, low: float, point: float, high: float, depth: float,
     return lowest if float(sign) * value(c, count, lowest) <= depth + noise else point
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def slope_at_end(c: In, count: int) -> float:
     """Return the derivative at 1 of a polynomial with `count` coefficients c."""
     total = 0.0
@@ -251,7 +251,7 @@ def scaled(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums
     return total_noise, others, rates, end
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def split(x: float) -> tuple[float, int]:
     """Return a number x as (significand, exponent): x = significand * 2**exponent, with 1 <= |significand| < 2.
 
@@ -264,7 +264,7 @@ def split(x: float) -> tuple[float, int]:
     return 0.0 if x == 0.0 else significand, 0 if x == 0.0 else power
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def scaled_far(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
     """Write the terms coefficients[k] * h**k, near overflow or underflow, to c, divided by a power of two.
 

@@ -58,7 +58,7 @@ def sign_of(x: float, noise: float) -> int:
     return 1 if x > noise else -1 if x < -noise else 0
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def bernstein(c: In, count: int, b: Out) -> None:
     """Write the Bernstein coefficients on [0, 1] of a polynomial to b; c has its coefficients by powers.
 
@@ -121,7 +121,7 @@ def signs(b: In, count: int, first: int, noise: float) -> tuple[bool, int, float
     return changes < 2 or through, now, size
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def halve(b: Out, count: int, left: Out) -> None:
     """Replace Bernstein coefficients b by those of the right half; write those of the left half to `left`.
 

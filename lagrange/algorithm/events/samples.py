@@ -129,7 +129,7 @@ def largest(values: Reals) -> float:
     return size
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def chebyshev(values: In, out: Out) -> float:
     """Write the Chebyshev coefficients of a function to `out`, from its `values` at the nodes.
 

@@ -98,7 +98,7 @@ def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ..
     return tuple([work[layout.place(layout.errors + k) :] for k in unrolled(state, len(step.errors), step.states)])
 
 
-@procedure(apart=True, arguments=running)
+@procedure(noinline=True, arguments=running)
 def reject(arguments: Running, cause: float, h: float, moved: bool, *, layout: Layout) -> bool:
     """Reject a trial step, and set the length of the next to h. Return True if sizes must be estimated.
 

@@ -55,7 +55,7 @@ NEEDS_SIZES = -1.0
 """Result if the caller has to estimate the sizes of the entries first."""
 
 
-@procedure(apart=True, arguments=running)
+@procedure(noinline=True, arguments=running)
 def first_step(arguments: Running, span: float, direction: float, *, layout: Layout, control: Control) -> float:
     """Return the length of the first step of a run, from the derivatives at three states, or NEEDS_SIZES.
 

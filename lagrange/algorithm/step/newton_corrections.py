@@ -323,7 +323,7 @@ def solve_unknowns(arguments: Running, t: float, h: float, *, layout: Layout, so
     return Outcome.DONE
 
 
-@procedure(apart=True, arguments=running)
+@procedure(noinline=True, arguments=running)
 def guess(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
     """Set the unknowns to the guesses that the method states. Return DONE, or SINGULAR if a matrix is."""
     stated = solve.solve
@@ -371,7 +371,7 @@ def largest_size(vectors: StepVectors, factors: list[Node]) -> float:
     return largest
 
 
-@procedure(apart=True, arguments=running)
+@procedure(noinline=True, arguments=running)
 def iterate(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
     """Correct the unknowns until the estimated error is negligible. Return DONE or a failure.
 

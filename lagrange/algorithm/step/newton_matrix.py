@@ -78,7 +78,7 @@ class MatrixCoefficients:
         return [node for nodes in (self.identity, *self.blocks.values(), *self.shares) for node in nodes]
 
 
-@procedure(apart=True, arguments=running)
+@procedure(noinline=True, arguments=running)
 def build_matrix(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
     """Compute the inverse Newton matrix for steps of length h, and store it in the work array.
 

@@ -53,7 +53,7 @@ DOUBT = 64 * 2.0**-52
 
 
 @procedure(
-    apart=True,
+    noinline=True,
     function=lambda: FUNCTION,
     noise=lambda: Array(room=WIDEST_VECTOR),
     moved=lambda: Array(room=WIDEST_VECTOR),
@@ -96,7 +96,7 @@ def write_noise(view: Opened, numbers: In, t: float, state: In) -> None:
     event_noise(view.watched.values, numbers, view.tilts, t, *sizes, state, view.values, view.noise, view.moved)
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
     """Return the length, up to s, on which the error of a series is below a relative tolerance or its noise.
 
@@ -122,7 +122,7 @@ def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
     return far
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def safe_step(c: In, count: int) -> float:
     """Return the longest safe step: a fraction of the radius of convergence that the last coefficients show.
 
@@ -144,7 +144,7 @@ def shown_radius(c: In, late: int) -> float:
     return shown if before > 0.0 and after > 0.0 else math.inf
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def is_balanced(c: In, count: int, s: float) -> bool:
     """Return True if no power above 1 dominates a series on a step.
 
@@ -159,7 +159,7 @@ def is_balanced(c: In, count: int, s: float) -> bool:
     return not (low > 0.0 and high > BALANCE * low)
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def keeps_sign(c: In, count: int, s: float, noise: float, sign: float) -> bool:
     """Return True if a series certainly keeps the `sign` on a step: its linear part exceeds all other terms.
 
@@ -184,7 +184,7 @@ def is_linear(start: float, end: float, sizes: float, rest: float, noise: float)
     return start > least and end > least
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def largest_term(c: In, count: int, s: float) -> float:
     """Return the largest magnitude of a term |c[k]| s**k of a series with the coefficients c[:count]."""
     most, power = 0.0, 1.0
@@ -199,7 +199,7 @@ ZERO_ROUND_OFF = 64 * 2.0**-52
 """
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def vanishes(c: In, count: int, s: float, noise: float) -> bool:
     """Return True if a series with the coefficients c[:count] is zero at time s, within noise and rounding."""
     total, sizes, power = 0.0, 0.0, 1.0
@@ -374,7 +374,7 @@ def used_count(c: Readable[float], order: int) -> int:
     return count
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> bool:
     """Copy the coefficients of a watched function from rows to `c`, unless that was done before.
 

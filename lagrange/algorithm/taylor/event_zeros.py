@@ -65,7 +65,7 @@ def zeros_of(view: Opened, number: int) -> Zeros:
     return Zeros(view.times[size * number :], indices, directions, *[ends[count * (2 * number + i) :] for i in (0, 1)])
 
 
-@procedure(apart=True, watched=watched_type)
+@procedure(noinline=True, watched=watched_type)
 def zeros_on_step(
     s: float, stored_length: float, zeros: Zeros, doubtful: In, watched: Watched, last: bool, until: bool
 ) -> int:
@@ -188,7 +188,7 @@ class StepEnd:
     due: int
 
 
-@procedure(apart=True, watched=watched_type)
+@procedure(noinline=True, watched=watched_type)
 def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched: Watched) -> tuple[int, float]:
     """Search a step for zeros of watched functions. Return a decision about the step and its new length.
 

@@ -185,7 +185,7 @@ def fits(arguments: Arguments, exponent: float, reach: float, is_ending: bool) -
     return is_near or (is_ending and reach < 1.0) or (tries >= MOST_RESCALINGS and is_number)
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def rescale(taylor: TaylorState, exponent: float, reach: float, terminates: bool) -> Outcome:
     """Change the time scale to about the step length, for a new series, and return PAUSED.
 

@@ -22,7 +22,7 @@ AT_REST = 4.0
 """Largest distance of an event function from zero after a reset that counts as zero, relative to that before it."""
 
 
-@procedure(apart=True, watched=watched_type)
+@procedure(noinline=True, watched=watched_type)
 def sides_at_start(
     t: float, scale: float, rtol: float, margin: float, index: int, numbers: In, start_state: In, watched: Watched
 ) -> bool:
@@ -56,7 +56,7 @@ def sides_at_start(
     return True
 
 
-@procedure(apart=True, watched=watched_type)
+@procedure(noinline=True, watched=watched_type)
 def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
     """Set the signs of all watched functions at the start of a run. Return False if they are undecided.
 
@@ -87,7 +87,7 @@ def just_changed(t: float, watch: Watch) -> bool:
     return not abs(t - watch.changed) > CLOSEST * larger(abs(t), EARLIEST)
 
 
-@procedure(apart=True, jet=lambda: JET, watched=watched_type)
+@procedure(noinline=True, jet=lambda: JET, watched=watched_type)
 def reset_state(
     jet: Callable[..., Any],
     prepared: In,
@@ -177,7 +177,7 @@ def sides_after_reset(t: float, scale: float, rtol: float, index: int, new_state
     return True
 
 
-@procedure(apart=True, jet=lambda: JET, watched=watched_type)
+@procedure(noinline=True, jet=lambda: JET, watched=watched_type)
 def cross_surface(
     jet: Callable[..., Any],
     prepared: In,

@@ -139,7 +139,7 @@ def raise_floors(share: float, floors: Out, work: Out, *, layout: TaylorLayout) 
         floors[i] = max(floors[i], share * abs(work[i]))
 
 
-@procedure(apart=True, floors=floors_type, work=work_type)
+@procedure(noinline=True, floors=floors_type, work=work_type)
 def first_floors(share: float, floors: Out, work: Out, order: int, *, layout: TaylorLayout) -> bool:
     """Set the floors (absolute tolerances) of zero entries to `share` times their size in the series.
 
@@ -268,7 +268,7 @@ def radius(sizes: Sequence[float], distance: int, order: int) -> float:
     return math.inf if (early if early < late else late) < ZERO_BOUND else result
 
 
-@procedure(apart=True, floors=floors_type, work=work_type)
+@procedure(noinline=True, floors=floors_type, work=work_type)
 def bound_by_earlier_rows(
     rtol: float, floors: In, before: float, work: Out, order: int, *, layout: TaylorLayout
 ) -> float:
@@ -321,7 +321,7 @@ def retries_exhausted(taylor: TaylorState) -> bool:
     return taylor.failures >= MOST_FAILURES
 
 
-@procedure(apart=True)
+@procedure(noinline=True)
 def retry_shorter(counts: Counts, taylor: TaylorState, h: float) -> None:
     """Count a rejection of a step of length h, and bound the steps that follow by a fraction of h.
 
@@ -334,7 +334,7 @@ def retry_shorter(counts: Counts, taylor: TaylorState, h: float) -> None:
     taylor.inspect, taylor.rescalings = 1, 0
 
 
-@procedure(apart=True, work=work_type)
+@procedure(noinline=True, work=work_type)
 def reject_step(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: Out, *, layout: TaylorLayout) -> None:
     """Undo the last step, and bound the length with which it is repeated.
 
@@ -382,7 +382,7 @@ def record_step(
         counts.rows = row + 1
 
 
-@procedure(apart=True, jet=lambda: JET, floors=floors_type, work=work_type)
+@procedure(noinline=True, jet=lambda: JET, floors=floors_type, work=work_type)
 def defect_along_step(
     jet: Callable[..., Any],
     prepared: In,
@@ -430,7 +430,7 @@ def state_type() -> Array:
 
 
 @procedure(
-    apart=True,
+    noinline=True,
     function=lambda: FUNCTION,
     end_values=state_type,
     end_noise=state_type,

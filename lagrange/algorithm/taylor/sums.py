@@ -127,7 +127,7 @@ def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorL
         slopes[i] = fma(slope, s, total) * longer
 
 
-@procedure(apart=True, to=lambda: Array(room=WIDEST_VECTOR), work=work_type)
+@procedure(noinline=True, to=lambda: Array(room=WIDEST_VECTOR), work=work_type)
 def state_on_step(s: float, to: Out, sizes: Sizes, work: Out, order: int) -> None:
     """Write the state at the time s after the start of a step, in units of the time scale, to `to`.
 
@@ -188,7 +188,7 @@ def outstanding(output_times: In, index: int, end: float, scale: float) -> bool:
     return (output_times[index] - end) * scale < 0.0
 
 
-@procedure(apart=True, states=rows_type, work=work_type)
+@procedure(noinline=True, states=rows_type, work=work_type)
 def write_outputs(
     end: float,
     held: Held,

@@ -437,11 +437,13 @@ def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
     """Return the IR of a procedure, and of a function `run` that calls it with the words of an array.
 
     The words have 8 bytes and hold arguments and results. Callees in `elsewhere` are declared but not defined. Other
-    callees are inlined, except those with `Procedure.apart`. If the procedure is a loop over steps (its last parameters
-    are `STEPS`), the IR also has a function `steps`, by which other compiled loops call it.
+    callees are inlined unless they are `noinline`. If the procedure is a loop over steps (its last parameters are
+    `STEPS`), the IR also has a function `steps`, by which other compiled loops call it.
     """
     callees = transitive_callees([procedure], elsewhere)
-    functions = [function(callee, hidden=True, merged=not (callee is procedure or callee.apart)) for callee in callees]
+    functions = [
+        function(callee, hidden=True, merged=not (callee is procedure or callee.noinline)) for callee in callees
+    ]
     functions.append(_run(procedure))
     if [parameter.name for parameter in procedure.parameters][-len(STEPS) :] == list(STEPS):
         functions.append(_steps(procedure))

@@ -188,7 +188,7 @@ class Printer(Visitor):
         if self.open:
             self.e.do("ret void")
         results = together(self.result_types())
-        merging = "noinline " if self.procedure.apart else merging
+        merging = "noinline " if self.procedure.noinline else merging
         merging += "#0" if widest(self.procedure.body) > PARTIAL else "#1"
         merging = "#2" if quickly else merging
         linkage += convention(self.procedure.results) if self.foreign else ""

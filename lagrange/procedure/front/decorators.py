@@ -260,10 +260,10 @@ class Plain(PlainFunction[Args, Result]):
     """
 
     def __init__(
-        self, function: Callable[Args, Result], *, apart: bool, types: Mapping[str, Callable[..., Any]]
+        self, function: Callable[Args, Result], *, noinline: bool, types: Mapping[str, Callable[..., Any]]
     ) -> None:
         super().__init__(function)
-        self.apart, self.types = apart, types
+        self.noinline, self.types = noinline, types
         parameters = self.signature.parameters.values()
         self.known = [parameter.name for parameter in parameters if parameter.kind is parameter.KEYWORD_ONLY]
         self._forms: MutableMapping[Hashable, Procedure] = WeakValueDictionary()
@@ -310,7 +310,7 @@ class Plain(PlainFunction[Args, Result]):
     def _build(self, known: Mapping[str, Any]) -> Procedure:
         hints = typing.get_type_hints(self.function, include_extras=True)
         about = inspect.getdoc(self.function) or ""
-        p = Builder(self.__name__ + _suffix(known), about.split("\n\n")[0].replace("\n", " "), apart=self.apart)
+        p = Builder(self.__name__ + _suffix(known), about.split("\n\n")[0].replace("\n", " "), noinline=self.noinline)
         scope: dict[str, Any] = dict(known)
         for name in self.signature.parameters:
             if name not in known:
@@ -357,17 +357,17 @@ class Plain(PlainFunction[Args, Result]):
 def procedure(function: Callable[Args, Result], /) -> Plain[Args, Result]: ...
 @overload
 def procedure(
-    *, apart: bool = False, **types: Callable[..., Any]
+    *, noinline: bool = False, **types: Callable[..., Any]
 ) -> Callable[[Callable[Args, Result]], Plain[Args, Result]]: ...
-def procedure(function: Any = None, /, *, apart: bool = False, **types: Callable[..., Any]) -> Any:
-    """Declare a plain function as a procedure. With `apart` the procedure is not inlined.
+def procedure(function: Any = None, /, *, noinline: bool = False, **types: Callable[..., Any]) -> Any:
+    """Declare a plain function as a procedure. With `noinline` the procedure is not inlined.
 
     `types` maps names of parameters to functions that return their types. The arguments of such a function are static
     parameters, selected by their names.
     """
     if function is not None:
-        return Plain(function, apart=False, types={})
-    return lambda stated: Plain(stated, apart=apart, types=types)
+        return Plain(function, noinline=False, types={})
+    return lambda stated: Plain(stated, noinline=noinline, types=types)
 
 
 def inline(function: Callable[Args, Result]) -> Inline[Args, Result]:
