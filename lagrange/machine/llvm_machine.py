@@ -28,7 +28,7 @@ from lagrange.machine.llvm.procedures import module
 from lagrange.machine.llvm_series import LlvmDense, LlvmSeries, of_steps
 from lagrange.machine.state import DriverState, StepEventMemory, StepFunction
 from lagrange.procedure.form import REAL, WHOLE, Kind, Procedure
-from lagrange.procedure.lane_values import COMMON, OWN
+from lagrange.procedure.lane_values import UNIFORM, VARYING
 from lagrange.procedure.lanes import ACTIVE, MemberProcedures
 from lagrange.procedure.rewrite import Pruner
 from lagrange.program.program import Program
@@ -133,7 +133,7 @@ class MembersCode:
     def __init__(self, procedure: Procedure) -> None:
         self.lanes = lanes()
         pruned = Pruner().pruned(procedure)
-        signature = tuple(OWN if parameter.name == LANE else COMMON for parameter in pruned.parameters)
+        signature = tuple(VARYING if parameter.name == LANE else UNIFORM for parameter in pruned.parameters)
         entry = MemberProcedures(self.lanes).entry(pruned, signature)
         self._parameters = entry.parameters
         self._code = Module(module([entry]), optimize=True, often=True)

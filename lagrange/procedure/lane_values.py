@@ -1,8 +1,8 @@
 """Values of a procedure that runs many members at once: which of them differ between members, and their statements.
 
 A member is one of several runs of the original procedure; each lane of a vector holds the value of one member. A value
-differs if it depends on an argument that differs, or if members may have taken different branches. All other values are
-common: they are computed once for all members.
+is varying if it depends on a varying argument, or if members may have taken different branches. All other values are
+uniform: they are computed once for all members.
 """
 
 from __future__ import annotations
@@ -30,151 +30,155 @@ from lagrange.procedure.form import (
 from lagrange.procedure.visit import defined, operands
 
 
-class Share(NamedTuple):
-    """How members share an argument: `own` is true if each member has its own value, false if all have the same.
+class Variation(NamedTuple):
+    """Variation of an argument between members: `varying` is true if each has its own value, false if all share one.
 
-    An array is also `apart` if the part that a member uses begins at another index for each member.
+    An array is `shifted` if the part that a member uses begins at a different index for each member.
     """
 
-    own: bool
-    apart: bool = False
+    varying: bool
+    shifted: bool = False
 
 
-COMMON, OWN = Share(own=False), Share(own=True)
+UNIFORM, VARYING = Variation(varying=False), Variation(varying=True)
 
-Signature = tuple[Share, ...]
+Signature = tuple[Variation, ...]
 
 
-def signature_of(call: form.Call, differing: Container[int], apart: Container[int]) -> Signature:
-    """Return the `Share` of each argument of a call.
+def signature_of(call: form.Call, differing: Container[int], shifted: Container[int]) -> Signature:
+    """Return the `Variation` of each argument of a call.
 
-    `differing` has the ids of values that differ between members, `apart` the ids of arrays whose parts begin at
+    `differing` has the ids of values that differ between members, `shifted` the ids of arrays whose parts begin at
     different indices.
     """
     assert isinstance(call.callee, Procedure)
     return tuple(
-        Share(arg in differing, not isinstance(parameter.type, Kind) and arg in apart)
+        Variation(arg in differing, not isinstance(parameter.type, Kind) and arg in shifted)
         for parameter, arg in zip(call.callee.parameters, call.args, strict=True)
     )
 
 
 @dataclass(frozen=True)
-class Spread:
-    """Result of the analysis: `own` has the ids of values, variables and memory that differ between members.
+class ProcedureVariation:
+    """Variation of a procedure: `varying` has the ids of values, variables and memory that differ between members.
 
-    Arrays in `apart` begin at another index for each member. With `parting`, members may return at different
-    statements. `results` has a flag for each result: true if it differs.
+    Arrays in `shifted` begin at a different index for each member. With `returns_early`, members may return at
+    different statements. `results` has a flag for each result: true if it differs.
     """
 
-    own: frozenset[int]
-    apart: frozenset[int]
-    parting: bool
+    varying: frozenset[int]
+    shifted: frozenset[int]
+    returns_early: bool
     results: tuple[bool, ...]
 
 
-Spreads = dict[tuple[Procedure, Signature], Spread]
+Analyses = dict[tuple[Procedure, Signature], ProcedureVariation]
 """Cache of the analyses of procedures, by procedure and signature."""
 
 
-def spread_of(procedure: Procedure, signature: Signature, known: Spreads) -> Spread:
+def variation_of(procedure: Procedure, signature: Signature, known: Analyses) -> ProcedureVariation:
     """Return which values, arrays and results of a procedure differ between members.
 
     `signature` says which arguments differ. `known` caches the analyses of all procedures so far.
     """
     key = procedure, signature
     if key not in known:
-        known[key] = _SpreadSearch(known, procedure, signature).spread()
+        known[key] = _VariationSearch(known, procedure, signature).result()
     return known[key]
 
 
-class _SpreadSearch:
+class _VariationSearch:
     """Fixed-point iteration over a procedure: passes are repeated until no further value differs.
 
     One pass is not enough, because variables carry values to the next iteration of a loop.
     """
 
-    def __init__(self, spreads: Spreads, procedure: Procedure, signature: Signature) -> None:
-        self.spreads, self.procedure = spreads, procedure
-        self.own: set[int] = set()
-        self.apart: set[int] = set()
+    def __init__(self, analyses: Analyses, procedure: Procedure, signature: Signature) -> None:
+        self.analyses, self.procedure = analyses, procedure
+        self.varying: set[int] = set()
+        self.shifted: set[int] = set()
         self.written: set[int] = set()
         """Arrays that are written."""
-        self.parting = False
+        self.returns_early = False
         self.results = [False] * len(procedure.results)
-        for parameter, share in zip(procedure.parameters, signature, strict=True):
-            self.mark(parameter.ref, differs=share.own, apart=share.apart)
+        for parameter, variation in zip(procedure.parameters, signature, strict=True):
+            self.mark(parameter.ref, differs=variation.varying, shifted=variation.shifted)
             if isinstance(parameter.type, Array) and not parameter.type.read:
                 self.written.add(parameter.ref)
 
-    def spread(self) -> Spread:
+    def result(self) -> ProcedureVariation:
         """Run passes until no further value differs between members, and return the values that differ."""
         before = None
         # The counts of ids and results that differ grow until the iteration ends.
-        while before != (before := (len(self.own), len(self.apart), self.parting, sum(self.results))):
-            self.block(self.procedure.body, parted=False)
-        results = tuple(self.parting or differs for differs in self.results)
-        return Spread(frozenset(self.own), frozenset(self.apart), self.parting, results)
+        while before != (before := (len(self.varying), len(self.shifted), self.returns_early, sum(self.results))):
+            self.block(self.procedure.body, masked=False)
+        results = tuple(self.returns_early or differs for differs in self.results)
+        return ProcedureVariation(frozenset(self.varying), frozenset(self.shifted), self.returns_early, results)
 
-    def mark(self, ref: int, *, differs: bool, apart: bool = False) -> None:
+    def mark(self, ref: int, *, differs: bool, shifted: bool = False) -> None:
         """Record that the value `ref` differs between members, or that an array begins at different indices.
 
-        `apart` is true for the latter.
+        `shifted` is true for the latter.
         """
         if differs:
-            self.own.add(ref)
-        if apart:
-            self.apart.add(ref)
+            self.varying.add(ref)
+        if shifted:
+            self.shifted.add(ref)
 
-    def block(self, block: Block, *, parted: bool) -> None:
-        """Record which ids in a block differ between members. `parted` is true if only some members reach it."""
+    def block(self, block: Block, *, masked: bool) -> None:
+        """Record which ids in a block differ between members. `masked` is true if only some members reach it."""
         for statement in block:
-            self.statement(statement, parted=parted)
+            self.statement(statement, masked=masked)
 
-    def statement(self, statement: Statement, *, parted: bool) -> None:
+    def statement(self, statement: Statement, *, masked: bool) -> None:
         """Record which of the ids that a statement defines or sets differ between members.
 
-        `parted` is true if only some of the members reach the statement.
+        `masked` is true if only some of the members reach the statement.
         """
         match statement:
             case form.Load(ref=ref, array=array, place=index):
-                common = self.own.isdisjoint((array, index)) and array not in self.apart and array not in self.written
+                common = (
+                    self.varying.isdisjoint((array, index)) and array not in self.shifted and array not in self.written
+                )
                 self.mark(ref, differs=not common)
             case form.Reserve(ref=ref) | form.ReserveRecord(ref=ref):
                 self.mark(ref, differs=True)
             case form.Part(ref=ref, array=array, start=start):
-                self.mark(ref, differs=array in self.own, apart=array in self.apart or start in self.own)
+                self.mark(ref, differs=array in self.varying, shifted=array in self.shifted or start in self.varying)
                 if array in self.written:
                     self.written.add(ref)
             case form.Declare(ref=ref, value=value) | form.Get(ref=ref, variable=value):
-                self.mark(ref, differs=value in self.own)
+                self.mark(ref, differs=value in self.varying)
             case form.Set(variable=variable, value=value):
-                self.mark(variable, differs=parted or value in self.own)
+                self.mark(variable, differs=masked or value in self.varying)
             case form.Leave(values=values):
-                self.parting |= parted
-                self.results = [differs or ref in self.own for differs, ref in zip(self.results, values, strict=True)]
+                self.returns_early |= masked
+                self.results = [
+                    differs or ref in self.varying for differs, ref in zip(self.results, values, strict=True)
+                ]
             case form.When(condition=condition) | form.Repeat(condition=condition):
                 for body in inner(statement):
-                    self.block(body, parted=parted or condition in self.own)
+                    self.block(body, masked=masked or condition in self.varying)
             case form.Loop(place=index, start=start, stop=stop, body=body):
-                self.mark(index, differs=start in self.own)
-                self.block(body, parted=parted or not self.own.isdisjoint((start, stop)))
+                self.mark(index, differs=start in self.varying)
+                self.block(body, masked=masked or not self.varying.isdisjoint((start, stop)))
             case form.Each(iterations=count, body=body, folds=folds):
-                self.block(body, parted=parted or count in self.own)
+                self.block(body, masked=masked or count in self.varying)
                 for fold in folds:
-                    self.mark(fold.ref, differs=not self.own.isdisjoint((count, fold.value, fold.factor)))
+                    self.mark(fold.ref, differs=not self.varying.isdisjoint((count, fold.value, fold.factor)))
             case form.Call():
                 self.call(statement)
             case _:
                 # An operation: its results differ if an operand does. Other statements define nothing.
                 for ref in defined(statement):
-                    self.mark(ref, differs=not self.own.isdisjoint(operands(statement)))
+                    self.mark(ref, differs=not self.varying.isdisjoint(operands(statement)))
 
     def call(self, call: form.Call) -> None:
         """Record which results of a call differ between members."""
         if not isinstance(call.callee, Procedure):
             raise LagrangeError(f"procedure {self.procedure.name} calls a parameter: bind a function to it before.")
-        spread = spread_of(call.callee, signature_of(call, self.own, self.apart), self.spreads)
-        for ref, differs in zip(call.refs, spread.results, strict=True):
+        variation = variation_of(call.callee, signature_of(call, self.varying, self.shifted), self.analyses)
+        for ref, differs in zip(call.refs, variation.results, strict=True):
             self.mark(ref, differs=differs)
 
 
@@ -190,15 +194,15 @@ CHEAP = frozenset((*_ARITHMETIC, "less", "less_equal", "equal", "and", "or", "no
 class MemberMemory:
     """An array or a record of the new procedure, which runs all members at once.
 
-    `own` is true if each member has its own values: the values of all members at one index are then adjacent in
-    memory. `apart` is None if the array begins at the same index for all members, else the id of a vector of their
+    `varying` is true if each member has its own values: the values of all members at one index are then adjacent in
+    memory. `starts` is None if the array begins at the same index for all members, else the id of a vector of their
     first indices. `level` is the number of enclosing branches that only some members take, at the allocation, or -1
     for an array of the caller.
     """
 
     ref: int
-    own: bool
-    apart: int | None = None
+    varying: bool
+    starts: int | None = None
     level: int = -1
 
 

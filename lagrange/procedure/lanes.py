@@ -16,16 +16,16 @@ from lagrange.errors import LagrangeError
 from lagrange.procedure import form
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Block, Parameter, Procedure, Record, Vector, of_width
 from lagrange.procedure.lane_values import (
+    Analyses,
     MemberMemory,
     MemberStatements,
     MemberVariable,
-    Share,
     Signature,
-    Spreads,
+    Variation,
     is_cheap,
     leaves,
     signature_of,
-    spread_of,
+    variation_of,
 )
 from lagrange.procedure.visit import Visitor, visits
 
@@ -44,7 +44,7 @@ class MemberProcedures:
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes
-        self.spreads: Spreads = {}
+        self.analyses: Analyses = {}
         self.known: dict[tuple[Procedure, Signature], Procedure] = {}
         self.numbers = count()
 
@@ -98,7 +98,7 @@ class _Rewriter(Visitor, MemberStatements):
     def __init__(self, program: MemberProcedures, procedure: Procedure, signature: Signature) -> None:
         super().__init__(program.lanes)
         self.program, self.procedure, self.signature = program, procedure, signature
-        self.spread = spread_of(procedure, signature, program.spreads)
+        self.variation = variation_of(procedure, signature, program.analyses)
         self.values: dict[int, int] = {}
         self.types: dict[int, Array | Record] = {}
         self.memory: dict[int, MemberMemory] = {}
@@ -114,9 +114,9 @@ class _Rewriter(Visitor, MemberStatements):
     def procedure_in_lanes(self, name: str) -> Procedure:
         """Return the procedure, rewritten to run all members at once, under the given name."""
         parameters = [Parameter(self.mask, "mask", self.vector(FLAG))]
-        for parameter, share in zip(self.procedure.parameters, self.signature, strict=True):
-            parameters += self.parameter(parameter, share)
-        if self.spread.parting:
+        for parameter, variation in zip(self.procedure.parameters, self.signature, strict=True):
+            parameters += self.parameter(parameter, variation)
+        if self.variation.returns_early:
             self.alive = self.declared(self.mask)
             for kind in self.procedure.numbers:
                 zero = self.constant(kind, {REAL: 0.0, WHOLE: 0, FLAG: False}[kind])
@@ -124,37 +124,39 @@ class _Rewriter(Visitor, MemberStatements):
         self.block(self.procedure.body)
         if self.open and self.procedure.results:
             self.out.append(form.Leave(tuple(self.got(variable) for variable in self.results)))
-        pairs = zip(self.procedure.numbers, self.spread.results, strict=True)
+        pairs = zip(self.procedure.numbers, self.variation.results, strict=True)
         results = tuple(of_width(kind, self.lanes if differs else 1) for kind, differs in pairs)
         body, about = tuple(self.out), self.procedure.about
         return Procedure(name, about, tuple(parameters), results, body, {}, self.procedure.noinline)
 
-    def parameter(self, parameter: Parameter, share: Share) -> list[Parameter]:
-        """Return the new parameters for an old one. `share` says whether the argument differs between members."""
+    def parameter(self, parameter: Parameter, variation: Variation) -> list[Parameter]:
+        """Return the new parameters for an old one. `variation` says whether the argument differs between members."""
         match parameter.type:
             case form.Callee() | Vector():
                 raise LagrangeError(
                     f"procedure {self.procedure.name} has {parameter.name}, which is neither a number nor an array."
                 )
             case form.Kind() as kind:
-                ref = self.values[parameter.ref] = self.new(kind, wide=share.own)
-                return [Parameter(ref, parameter.name, of_width(kind, self.lanes if share.own else 1))]
+                ref = self.values[parameter.ref] = self.new(kind, wide=variation.varying)
+                return [Parameter(ref, parameter.name, of_width(kind, self.lanes if variation.varying else 1))]
             case Record() as record:
-                held = self.hold(parameter.ref, record, share)
-                return [Parameter(held.ref, parameter.name, replace(record, lanes=self.lanes if share.own else 1))]
+                held = self.memory_for(parameter.ref, record, variation)
+                return [
+                    Parameter(held.ref, parameter.name, replace(record, lanes=self.lanes if variation.varying else 1))
+                ]
             case Array() as array:
-                held = self.hold(parameter.ref, array, share)
-                kept = Array(array.kind, None, array.read) if share.own else array
+                held = self.memory_for(parameter.ref, array, variation)
+                kept = Array(array.kind, None, array.read) if variation.varying else array
                 made = [Parameter(held.ref, parameter.name, kept)]
-                if held.apart is not None:
-                    made.append(Parameter(held.apart, f"{parameter.name}.places", self.vector(WHOLE)))
+                if held.starts is not None:
+                    made.append(Parameter(held.starts, f"{parameter.name}.places", self.vector(WHOLE)))
                 return made
 
-    def hold(self, old: int, kind: Array | Record, share: Share) -> MemberMemory:
-        """Return the new memory for the caller's array or record `old`; `share` says if each member has its own."""
+    def memory_for(self, old: int, kind: Array | Record, variation: Variation) -> MemberMemory:
+        """Return the new memory for the caller's array or record `old`; `variation` says if each member has its own."""
         self.types[old] = kind
         made = self.memory[old] = MemberMemory(
-            self.new(), share.own, self.new(WHOLE, wide=True) if share.apart else None
+            self.new(), variation.varying, self.new(WHOLE, wide=True) if variation.shifted else None
         )
         return made
 
@@ -162,14 +164,14 @@ class _Rewriter(Visitor, MemberStatements):
 
     def differs(self, old: int) -> bool:
         """Return True if the value with the id `old` may differ between members."""
-        return old in self.spread.own
+        return old in self.variation.varying
 
     def value(self, old: int, *, wide: bool) -> int:
         """Return the id of the new value for the value with the id `old`, as a vector if `wide` is true."""
         ref = self.values[old]
         return self.wide(ref) if wide else ref
 
-    def present(self, mask: int, statement: form.Statement) -> int:
+    def remaining(self, mask: int, statement: form.Statement) -> int:
         """Return the mask of those members of `mask` that have not returned from the procedure inside a statement."""
         if self.alive is None or not any(leaves(body) for body in form.inner(statement)):
             return mask
@@ -248,7 +250,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     def index(self, memory: MemberMemory, old_index: int) -> int:
         """Return the id of the index in the new memory for `old_index`, which is the same for all members."""
-        if not memory.own:
+        if not memory.varying:
             return old_index
         known = self.constants.get(old_index)
         if known is not None:
@@ -257,8 +259,8 @@ class _Rewriter(Visitor, MemberStatements):
 
     def indices(self, memory: MemberMemory, old_index: int) -> int:
         """Return the id of a vector of indices in the new memory, one for each member, for an old index."""
-        index = old_index if memory.apart is None else self.put("add", WHOLE, memory.apart, old_index)
-        if not memory.own:
+        index = old_index if memory.starts is None else self.put("add", WHOLE, memory.starts, old_index)
+        if not memory.varying:
             return self.wide(index)
         lanes = [self.constant(WHOLE, k) for k in range(self.lanes)]
         numbers = self.new(WHOLE, wide=True)
@@ -266,18 +268,18 @@ class _Rewriter(Visitor, MemberStatements):
         first = self.put("mul", WHOLE, self.wide(index), self.constant(WHOLE, self.lanes))
         return self.put("add", WHOLE, first, numbers)
 
-    def is_anywhere(self, array: int, old_index: int) -> bool:
+    def is_gathered(self, array: int, old_index: int) -> bool:
         """Return True if members may access an array at different indices: they differ, or the array's starts do."""
-        return self.memory[array].apart is not None or self.differs(old_index)
+        return self.memory[array].starts is not None or self.differs(old_index)
 
     @visits(form.Load)
     def load(self, load: form.Load) -> None:
         """Rewrite the read of an array element for all members, each of which may read a different element."""
         held, index = self.memory[load.array], self.values[load.place]
-        if self.is_anywhere(load.array, load.place):
+        if self.is_gathered(load.array, load.place):
             ref, indices = self.new(load.kind, wide=True), self.indices(held, index)
             self.out.append(form.Gather(ref, self.vector(load.kind), held.ref, indices, self.mask))
-        elif held.own:
+        elif held.varying:
             ref = self.loaded(held.ref, self.index(held, index), load.kind)
         else:
             ref = self.new(load.kind)
@@ -291,10 +293,10 @@ class _Rewriter(Visitor, MemberStatements):
         Raises LagrangeError if members would write the same element of a shared array.
         """
         held, index, value = self.memory[store.array], self.values[store.place], self.value(store.value, wide=True)
-        if self.is_anywhere(store.array, store.place):
+        if self.is_gathered(store.array, store.place):
             self.out.append(form.Scatter(held.ref, self.indices(held, index), value, self.mask))
             return
-        if not held.own:
+        if not held.varying:
             raise LagrangeError(
                 f"procedure {self.procedure.name}: all members would write the same element of a shared array: "
                 "give each member its own element."
@@ -309,11 +311,11 @@ class _Rewriter(Visitor, MemberStatements):
         assert isinstance(record, Record)
         kind = record.kind(statement.field)
         if isinstance(statement, form.Read):
-            ref = self.values[statement.ref] = self.new(kind, wide=held.own)
+            ref = self.values[statement.ref] = self.new(kind, wide=held.varying)
             self.out.append(form.Read(ref, kind, held.ref, statement.field))
             return
-        value = self.value(statement.value, wide=held.own)
-        if held.own and held.level != self.level:
+        value = self.value(statement.value, wide=held.varying)
+        if held.varying and held.level != self.level:
             before = self.new(kind, wide=True)
             self.out.append(form.Read(before, kind, held.ref, statement.field))
             value = self.put("select", kind, self.mask, value, before)
@@ -325,17 +327,20 @@ class _Rewriter(Visitor, MemberStatements):
         ref = self.new()
         match local:
             case form.Reserve(array=array):
-                self.types[local.ref], self.memory[local.ref] = array, MemberMemory(ref, own=True, level=self.level)
+                self.types[local.ref], self.memory[local.ref] = array, MemberMemory(ref, varying=True, level=self.level)
                 room = ((array.size or 0) + (array.room if array.room > 1 else 0)) * self.lanes
                 self.out.append(form.Reserve(ref, Array(array.kind, room)))
             case form.ReserveRecord(record=record):
-                self.types[local.ref], self.memory[local.ref] = record, MemberMemory(ref, own=True, level=self.level)
+                self.types[local.ref], self.memory[local.ref] = (
+                    record,
+                    MemberMemory(ref, varying=True, level=self.level),
+                )
                 self.out.append(form.ReserveRecord(ref, replace(record, lanes=self.lanes)))
             case form.Part(array=array, start=start):
                 self.types[local.ref], held, offset = self.types[array], self.memory[array], self.values[start]
-                if self.is_anywhere(array, start):
-                    apart = offset if held.apart is None else self.put("add", WHOLE, held.apart, offset)
-                    self.memory[local.ref] = replace(held, apart=self.wide(apart))
+                if self.is_gathered(array, start):
+                    starts = offset if held.starts is None else self.put("add", WHOLE, held.starts, offset)
+                    self.memory[local.ref] = replace(held, starts=self.wide(starts))
                 else:
                     self.memory[local.ref] = replace(held, ref=ref)
                     self.out.append(form.Part(ref, held.ref, self.index(held, offset)))
@@ -347,21 +352,21 @@ class _Rewriter(Visitor, MemberStatements):
         """Rewrite a call as a call of the rewritten procedure, which runs all members in the mask."""
         callee = call.callee
         assert isinstance(callee, Procedure)
-        signature = signature_of(call, self.spread.own, self.spread.apart)
+        signature = signature_of(call, self.variation.varying, self.variation.shifted)
         args = [self.mask]
         for parameter, arg in zip(callee.parameters, call.args, strict=True):
             if isinstance(parameter.type, form.Kind):
                 args.append(self.values[arg])
                 continue
             held = self.memory[arg]
-            args += [held.ref] if held.apart is None else [held.ref, held.apart]
+            args += [held.ref] if held.starts is None else [held.ref, held.starts]
         results = self.call(self.program.of(callee, signature), args)
         self.values.update(zip(call.refs, results, strict=True))
 
     @visits(form.Leave)
     def leave(self, leave: form.Leave) -> None:
         """Rewrite a return for the members in the mask. The procedure returns once all members have returned."""
-        pairs = zip(leave.values, self.spread.results, strict=True)
+        pairs = zip(leave.values, self.variation.results, strict=True)
         values = [self.value(ref, wide=differs) for ref, differs in pairs]
         if self.alive is not None:
             values = [
@@ -399,7 +404,7 @@ class _Rewriter(Visitor, MemberStatements):
                 self.each(statement)
         self.open = self.open or not isinstance(statement, form.When)
         if self.open:
-            self.mask = self.present(before, statement)
+            self.mask = self.remaining(before, statement)
 
     def common_branch(self, when: form.When) -> None:
         """Rewrite a branch on a condition that is the same for all members."""
@@ -440,7 +445,7 @@ class _Rewriter(Visitor, MemberStatements):
         uneven = self.differs(loop.start) or self.differs(loop.stop)
         before = self.mask
         start, stop = self.value(loop.start, wide=self.differs(loop.place)), self.values[loop.stop]
-        if not uneven and self.present(before, loop) == before:
+        if not uneven and self.remaining(before, loop) == before:
             current = self.values[loop.place] = self.new(WHOLE)
             self.out.append(form.Loop(current, start, stop, loop.step, self.inside(loop.body, before)))
             return
@@ -477,7 +482,7 @@ class _Rewriter(Visitor, MemberStatements):
         inside = self.declared(before) if uneven else None
         self.level += uneven
         self.out = []
-        self.mask = self.present(before if inside is None else self.got(inside), loop)
+        self.mask = self.remaining(before if inside is None else self.got(inside), loop)
         condition = goes_on()
         if inside is not None:
             mask = self.both(self.mask, self.wide(condition))
@@ -486,7 +491,7 @@ class _Rewriter(Visitor, MemberStatements):
         elif self.mask != before:
             condition = self.put("and", FLAG, condition, self.some(self.mask))
         test, self.out = tuple(self.out), []
-        self.mask = self.present(before, loop) if inside is None else self.got(inside)
+        self.mask = self.remaining(before, loop) if inside is None else self.got(inside)
         body()
         repeat = form.Repeat(test, condition, tuple(self.out))
         self.level -= uneven

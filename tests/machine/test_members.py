@@ -15,7 +15,7 @@ from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module
 from lagrange.procedure.form import REAL, Procedure, Record
 from lagrange.procedure.interpreter import run
-from lagrange.procedure.lane_values import COMMON, OWN
+from lagrange.procedure.lane_values import UNIFORM, VARYING
 from lagrange.procedure.lanes import ACTIVE, MemberProcedures
 from tests.procedure.random_functions import DATA, SIZE, TABLE, bits, example
 from tests.procedure.verify import verify
@@ -59,7 +59,14 @@ def in_lanes(procedure: Procedure, members: Any, lanes: int, active: int, life: 
     data = interleaved([[*DATA, *[0.0] * 8] for _ in members])
     kept = np.zeros((2, lanes))
     kept[0], kept.view(np.int64)[1] = 0.25, 3
-    shares = {"x": OWN, "y": OWN, "n": OWN if own_n else COMMON, "data": OWN, "table": COMMON, "kept": OWN}
+    shares = {
+        "x": VARYING,
+        "y": VARYING,
+        "n": VARYING if own_n else UNIFORM,
+        "data": VARYING,
+        "table": UNIFORM,
+        "kept": VARYING,
+    }
     memory = {"x": xs, "y": ys, "n": ns, "data": data, "table": np.array(TABLE), "kept": kept}
     signature = tuple(shares[item.name] for item in procedure.parameters)
     entry = MemberProcedures(lanes).entry(procedure, signature)

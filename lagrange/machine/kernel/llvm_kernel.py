@@ -42,7 +42,7 @@ from lagrange.machine.llvm.operations import lanes, splat
 from lagrange.machine.llvm.procedures import Printer, declaration, function, joined
 from lagrange.machine.llvm.vectors import number_of_angles
 from lagrange.procedure.form import FLAG, Kind, Leave, Procedure
-from lagrange.procedure.lane_values import COMMON, OWN
+from lagrange.procedure.lane_values import UNIFORM, VARYING
 from lagrange.procedure.lanes import MemberProcedures
 from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.program import SYSTEMS, Program
@@ -128,7 +128,9 @@ class KernelCode:
             # The program at `lanes` states at once: arguments and results are vectors with one entry for each state.
             outputs = [self.program.outputs[k] for k in self._places]
             single = kernel_by_value(self.program, self.prepared, outputs, style=LANES)
-            signature = tuple(OWN if isinstance(parameter.type, Kind) else COMMON for parameter in single.parameters)
+            signature = tuple(
+                VARYING if isinstance(parameter.type, Kind) else UNIFORM for parameter in single.parameters
+            )
             by_value = MemberProcedures(lanes).of(single, signature)
         alone = [function(procedure, hidden=True, outside=self.scalar, quickly=quickly) for procedure in self.scalar]
         called = [] if by_value is None else [function(procedure, hidden=True) for procedure in by_value.callees]
