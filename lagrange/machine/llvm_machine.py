@@ -72,7 +72,7 @@ class LlvmEventSteps:
             "given": written.context,
             "degree": dense.degree,
             "both": int(written.both),
-            **{name: np.zeros(block_size(n, WIDEST_VECTOR) + WIDEST_VECTOR) for name in ("own", "beside")},
+            **{name: np.zeros(block_size(n, WIDEST_VECTOR) + WIDEST_VECTOR) for name in ("step_data", "neighbours")},
             "screen": self._screen.function,
             "screen_given": self._screen.context,
             # The context of a block polynomial begins with the right-hand side for columns, and its parameters.

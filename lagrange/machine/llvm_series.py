@@ -1,9 +1,9 @@
 """Dense output and Taylor series in machine code.
 
-    void polynomial(ptr given, i64 columns, ptr own, ptr beside, ptr work, ptr out)
+    void polynomial(ptr given, i64 columns, ptr step_data, ptr neighbours, ptr work, ptr out)
 
-writes the polynomials of a block of `columns` steps to `out`, in the layout of `POLYNOMIAL`. `own` are the steps of
-the block, `beside` the neighbouring steps, and `work` is working memory. `given` are addresses and numbers that
+writes the polynomials of a block of `columns` steps to `out`, in the layout of `POLYNOMIAL`. `step_data` has the steps
+of the block, `neighbours` a neighbour of each step, and `work` is work memory. `given` are addresses and numbers that
 depend on the kind of step. One function evaluates all kinds of polynomials: it calls `polynomial` by its address.
 
 The numbers of a series are one array: the parameters, then constants, results of order 0 that need no state, and
@@ -69,10 +69,10 @@ def compiled_polynomial(procedure: Procedure) -> Module:
     e = Emitter()
     kinds = [argument_type(parameter.type) for parameter in procedure.parameters]
     context = [f"{kind} {e.get('%given', index, kind)}" for index, kind in enumerate(kinds[:context_size])]
-    handed = ", ".join([*context, "i64 %columns", *(f"ptr %{name}" for name in ("own", "beside", "work", "out"))])
-    e.do(f"call void @{procedure.name}({handed})")
+    passed = ", ".join([*context, "i64 %columns", "ptr %step_data, ptr %neighbours, ptr %work, ptr %out"])
+    e.do(f"call void @{procedure.name}({passed})")
     e.do("ret void")
-    head = "define void @polynomial(ptr %given, i64 %columns, ptr %own, ptr %beside, ptr %work, ptr %out) #1"
+    head = "define void @polynomial(ptr %given, i64 %columns, ptr %step_data, ptr %neighbours, ptr %work, ptr %out) #1"
     functions = [function(each, hidden=True) for each in (*procedure.callees, procedure)]
     return Module("\n".join([declarations(), *functions, e.function(head), METADATA, ATTRIBUTES]), merge=True)
 
@@ -147,8 +147,8 @@ class LlvmDense:
             "steps": len(times) - 1,
             "times": np.ascontiguousarray(times),
             "states": np.ascontiguousarray(states),
-            "own": np.zeros(block_size(n, polynomial.columns) + WIDEST_VECTOR),
-            "beside": np.zeros(block_size(n, polynomial.columns) + WIDEST_VECTOR),
+            "step_data": np.zeros(block_size(n, polynomial.columns) + WIDEST_VECTOR),
+            "neighbours": np.zeros(block_size(n, polynomial.columns) + WIDEST_VECTOR),
             "work": workspace(polynomial.work),
             **arguments,
         }

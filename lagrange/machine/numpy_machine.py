@@ -52,9 +52,9 @@ class NumpyDense:
     """The dense output of the numpy machine (implements `DensePath`) for states with `dimension` entries.
 
     `degree` is that of the polynomials. `both` is True if a polynomial also depends on a neighbouring step.
-    `size(columns)` returns the number of doubles of work memory for a block of `columns` steps. `write(columns, own,
-    beside, work, out)` writes the polynomials of a block to `out`, in the layout of `POLYNOMIAL`: `own` has the steps
-    of the block, `beside` a neighbouring step of each, and `work` is work memory.
+    `size(columns)` returns the number of doubles of work memory for a block of `columns` steps. `write(columns,
+    step_data, neighbours, work, out)` writes the polynomials of a block to `out`, in the layout of `POLYNOMIAL`.
+    `step_data` has the steps of the block, `neighbours` a neighbour of each, and `work` is work memory.
     """
 
     dimension: int
@@ -67,10 +67,10 @@ class NumpyDense:
         """Return the callback that writes the polynomials of a block of steps."""
 
         def write(_: Any, columns: int, *arrays: Any) -> None:
-            block, beside, work, out = (
+            block, neighbours, work, out = (
                 array if isinstance(array, np.ndarray) else np.frombuffer(array) for array in arrays
             )
-            self.write(columns, block, beside, work, out)
+            self.write(columns, block, neighbours, work, out)
 
         return BlockPolynomial(write, np.empty(0).data, WIDEST_VECTOR, self.size(WIDEST_VECTOR), self.both, ())
 
@@ -106,13 +106,13 @@ class NumpyDense:
         """
         n, count = self.dimension, len(steps)
         out = np.empty((self.degree + 1) * n * count)
-        block, beside = _gathered(times, states, steps), np.empty(0)
+        block, neighbours = _gathered(times, states, steps), np.empty(0)
         if self.both:
-            neighbours = np.where(steps > 0, steps - 1, min(1, len(times) - 2))
+            next_to = np.where(steps > 0, steps - 1, min(1, len(times) - 2))
             alone = len(times) < 3
-            beside = _gathered(times, states, neighbours, np.where(steps > 0, -1.0, 0.0 if alone else 1.0))
+            neighbours = _gathered(times, states, next_to, np.where(steps > 0, -1.0, 0.0 if alone else 1.0))
         with np.errstate(all="ignore"):
-            self.write(count, block, beside, np.empty(self.size(count)), out)
+            self.write(count, block, neighbours, np.empty(self.size(count)), out)
         return out.reshape(-1, n, count)
 
 
@@ -506,8 +506,8 @@ def _work_size(size: int, _columns: int) -> int:
 def _write_polynomials(series: NumpySeries, order: int, parameters: FloatArray, *arrays: Any) -> None:
     """Write the polynomials of a block of Taylor steps of an order.
 
-    The `arrays` are the number of steps, the steps, their neighbours (unused), work memory, and the coefficients,
-    which are written.
+    The `arrays` are the number of steps, the steps, their neighbours (unused), work memory, and the coefficients, which
+    are written.
     """
     n, jet = series.program.states, _between_arrays(series)
     write = arrays_loaded(series_polynomial.form())

@@ -44,9 +44,9 @@ INVERT = Callee((WHOLE, WHOLE, Array(), Array()), ())
 
 POLYNOMIAL = Callee((READ, WHOLE, READ, READ, Array(), Array()), ())
 """Type of a function that writes the polynomials of a block of steps, for any kind of path. Arguments: data that the
-machine has prepared for the kind of path, the number of columns, the steps and their neighbours (`OwnStep`), work
-memory, and the coefficients. The coefficient of power k and entry j, in the fraction of step b, has the index (k * 2n +
-j) * columns + b.
+machine has prepared for the kind of path, the number of columns, the steps and their neighbours (as in `BlockSteps`),
+work memory, and the coefficients. The coefficient of power k and entry j, in the fraction of step b, has the index (k *
+2n + j) * columns + b.
 """
 
 
@@ -93,15 +93,15 @@ SPARE = WorkSize(vectors=2, rows=1)
 
 
 def block_size(dimension: int, columns: int) -> int:
-    """Return the length of `OwnStep.memory`, in doubles, for `columns` steps with states of a `dimension`.
+    """Return the length of `BlockSteps.memory`, in doubles, for `columns` steps with states of a `dimension`.
 
-    The memory has for each step its start time, its length, `OwnStep.side`, and the states at both ends.
+    The memory has for each step its start time, its length, `BlockSteps.side`, and the states at both ends.
     """
     return (2 * dimension + 3) * columns
 
 
 @dataclass(frozen=True)
-class OwnStep:
+class BlockSteps:
     """Steps of a block, by columns: start times t, lengths h, states y at the starts and `new` at the ends.
 
     `side` is the position of a neighbouring step: -1.0 before, 1.0 after, 0.0 if there is none. All are parts
@@ -118,10 +118,10 @@ class OwnStep:
 
 
 @inline
-def steps_in(memory: Any, dimension: int, columns: int) -> OwnStep:
+def steps_in(memory: Any, dimension: int, columns: int) -> BlockSteps:
     """Return the steps of a block whose data begin at `memory`: `columns` steps with states of a `dimension`."""
     parts = memory, memory[columns:], memory[2 * columns :], memory[3 * columns :], memory[(dimension + 3) * columns :]
-    return OwnStep(memory, dimension, *parts)
+    return BlockSteps(memory, dimension, *parts)
 
 
 @procedure(law=lambda: COLUMNS)
@@ -152,12 +152,12 @@ def slopes(
 class PolynomialBlock:
     """Arguments of a procedure that writes polynomials of a block of steps, and the layout of its work memory.
 
-    The first arguments are the same for all steps of a run: `law`, the right-hand side at one state in each
-    column, with its `parameters`; `jacobian`, its derivative, with `constants`; `invert`, which inverts a
-    matrix for each column; the coefficients of the method in `table`, its number of `stages`, the `degree`, and
-    the length of a state. `own` are the steps and `beside` their neighbours, each with the data of `OwnStep` in
-    a number of `columns`. `work` is work memory. The coefficient of power k and entry j for step b is written
-    to `out` at index (k * dimension + j) * columns + b.
+    The first arguments are the same for all steps of a run: `law`, the right-hand side at one state in each column,
+    with its `parameters`; `jacobian`, its derivative, with `constants`; `invert`, which inverts a matrix for each
+    column; the coefficients of the method in `table`, its number of `stages`, the `degree`, and the length of a state.
+    `step_data` and `neighbours` have the data of the steps and of their neighbours, each by `columns` in the layout of
+    `BlockSteps`. `work` is work memory. The coefficient of power k and entry j for step b is written to `out` at index
+    (k * dimension + j) * columns + b.
     """
 
     law: Callable[..., int]
@@ -170,8 +170,8 @@ class PolynomialBlock:
     degree: int
     dimension: int
     columns: int
-    own: In
-    beside: In
+    step_data: In
+    neighbours: In
     work: Out
     out: Out
 
@@ -184,8 +184,8 @@ class PolynomialBlock:
     def with_step(self, step: In, work: Out, out: Out) -> PolynomialBlock:
         """Return a copy of this block with other steps, work memory and output, and without neighbours.
 
-        `step` has the data of the steps, as in `OwnStep`. The copy is for procedures that do not read the
-        neighbours: its `beside` is `step`, too.
+        `step` has the data of the steps, as in `BlockSteps`. The copy is for procedures that do not read the
+        neighbours: its `neighbours` is `step`, too.
         """
         laws = self.law, self.parameters, self.jacobian, self.constants, self.invert
         numbers = self.table, self.stages, self.degree, self.dimension, self.columns
@@ -237,7 +237,7 @@ READ_STEPS, WRITTEN = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VE
 def block_type() -> Bundle:
     """Return the type of a `PolynomialBlock` parameter of a procedure."""
     functions = {"law": COLUMNS, "jacobian": COLUMNS, "invert": INVERT}
-    memory = {"own": READ_STEPS, "beside": READ_STEPS, "work": WRITTEN, "out": WRITTEN}
+    memory = {"step_data": READ_STEPS, "neighbours": READ_STEPS, "work": WRITTEN, "out": WRITTEN}
     return Bundle(PolynomialBlock, {**functions, **memory})
 
 
@@ -267,7 +267,7 @@ def mend(block: PolynomialBlock, first: In) -> None:
             nothing = fma(block.out[power * total :][x], 0.0, nothing)
         largest = magnitude(largest, nothing)
     if unlikely(largest != 0.0):
-        step = steps_in(block.own, block.dimension, block.columns)
+        step = steps_in(block.step_data, block.dimension, block.columns)
         parabola(block.dimension, block.columns, block.degree, step.y, step.new, first, block.out)
 
 
@@ -329,30 +329,30 @@ def gather(
     times: In,
     states: In,
     with_neighbours: int,
-    own: Out,
-    beside: Out,
+    step_data: Out,
+    neighbours: Out,
 ) -> None:
-    """Copy the times and states of `columns` steps of a run to `own`, by columns in the layout of `OwnStep`.
+    """Copy the times and states of `columns` steps of a run to `step_data`, by columns in the layout of `BlockSteps`.
 
     `starts` has the indices of these steps. `times` and `states` are those of the whole run, which has `steps`
-    steps. If `with_neighbours` is 1, a neighbour of each step is copied to `beside`: the previous step, or the
+    steps. If `with_neighbours` is 1, a neighbour of each step is copied to `neighbours`: the previous step, or the
     next one for the first step.
     """
     for b in range(columns):
         s = starts[b]
-        gather_one(dimension, columns, b, s, times, states, own)
+        gather_one(dimension, columns, b, s, times, states, step_data)
         if with_neighbours == 1:
             is_first = s == 0
-            gather_one(dimension, columns, b, min(s + 1, steps - 1) if is_first else s - 1, times, states, beside)
+            gather_one(dimension, columns, b, min(s + 1, steps - 1) if is_first else s - 1, times, states, neighbours)
             side = 0.0 if steps == 1 else 1.0 if is_first else -1.0
-            steps_in(beside, dimension, columns).side[b] = side
+            steps_in(neighbours, dimension, columns).side[b] = side
 
 
 @procedure
 def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: In, block: Out) -> None:
     """Copy start time, length and both states of step number s of a run to column b of `block`.
 
-    `block` is memory in the layout of `OwnStep`. `times` and `states` are those of the run.
+    `block` is memory in the layout of `BlockSteps`. `times` and `states` are those of the run.
     """
     step = steps_in(block, dimension, columns)
     step.t[b] = times[s]
@@ -368,10 +368,10 @@ def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: 
 class RunPath:
     """A run whose states between the ends of its steps are computed by dense output.
 
-    The callback `polynomial` writes the polynomials of a block of `columns` steps. Its first argument `given`
-    has the data of the method. If `both` is 1 it needs the neighbours of the steps. `times` and `states` are
-    those at the ends of the `steps` steps of the run. `own` and `beside` are memory for a block of steps and
-    for their neighbours, and `work` is work memory.
+    The callback `polynomial` writes the polynomials of a block of `columns` steps. Its first argument `given` has the
+    data of the method. If `both` is 1 it needs the neighbours of the steps. `times` and `states` are those at the ends
+    of the `steps` steps of the run. `step_data` is memory for a block of steps, `neighbours` for a neighbour of each,
+    and `work` is work memory.
     """
 
     polynomial: Callable[..., None]
@@ -383,16 +383,16 @@ class RunPath:
     steps: int
     times: In
     states: In
-    own: Out
-    beside: Out
+    step_data: Out
+    neighbours: Out
     work: Out
 
     @inline
     def write(self, starts: WholesIn, out: Out) -> None:
         """Write the coefficients of the polynomials of `columns` steps to `out`; `starts` are their indices."""
         steps = self.steps, self.times, self.states
-        gather(self.dimension, self.columns, starts, *steps, self.both, self.own, self.beside)
-        self.polynomial(self.given, self.columns, self.own, self.beside, self.work, out)
+        gather(self.dimension, self.columns, starts, *steps, self.both, self.step_data, self.neighbours)
+        self.polynomial(self.given, self.columns, self.step_data, self.neighbours, self.work, out)
 
 
 def path_type() -> Bundle:

@@ -18,7 +18,7 @@ from numpy.polynomial import Polynomial
 from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import (
     SPARE,
-    OwnStep,
+    BlockSteps,
     PolynomialBlock,
     StepPolynomial,
     WorkSize,
@@ -73,7 +73,7 @@ def increments(block: PolynomialBlock) -> None:
     There is one vector for each stage. The stages are found by Newton's method, beginning with points on the
     line between the ends of the step. These points remain if the law has no finite value.
     """
-    step, total, stages = steps_in(block.own, block.dimension, block.columns), block.total, block.stages
+    step, total, stages = steps_in(block.step_data, block.dimension, block.columns), block.total, block.stages
     (h, gap, _, _), (time, _, active), slopes = block.lay_out(INCREMENTS)
     block.spread(step.h, h)
     for x in block.entries():
@@ -98,7 +98,7 @@ def increments(block: PolynomialBlock) -> None:
 
 
 @inline
-def linearize(block: PolynomialBlock, step: OwnStep) -> None:
+def linearize(block: PolynomialBlock, step: BlockSteps) -> None:
     """Write the inverse of the Newton matrix I - h A J of each step's inner stages to work memory.
 
     J is the derivative of the right-hand side at the end of the step, and A the matrix of the method. The
@@ -138,7 +138,7 @@ def entry(block: PolynomialBlock, matrix: Out, row: int, column: int) -> Out:
 
 
 @inline
-def correct(block: PolynomialBlock, step: OwnStep) -> None:
+def correct(block: PolynomialBlock, step: BlockSteps) -> None:
     """Correct the inner stages in `block.out` by one Newton step, in the columns that have not converged."""
     total, stages, rows = block.total, block.stages, block.table[block.stages :]
     (h, _, state, _), (time, _, _), slopes = block.lay_out(INCREMENTS)
@@ -157,7 +157,7 @@ def correct(block: PolynomialBlock, step: OwnStep) -> None:
 
 
 @inline
-def move(block: PolynomialBlock, step: OwnStep) -> None:
+def move(block: PolynomialBlock, step: BlockSteps) -> None:
     """Add the inverse matrix times the residuals to the inner stages of the columns that have not converged.
 
     A column has converged if no correction exceeds `SETTLED` times the state plus its change over the step.
@@ -208,15 +208,15 @@ def collocation(block: PolynomialBlock) -> None:
     """Write the polynomials of a block of steps through their stages, with slopes continuous between steps."""
     total, stages = block.total, block.stages
     _, _, gains = block.lay_out(JOINED)
-    beside_gains, rest = gains[stages * total :], gains[2 * stages * total :]
-    increments(block.with_step(block.own, rest, gains))
+    neighbour_gains, rest = gains[stages * total :], gains[2 * stages * total :]
+    increments(block.with_step(block.step_data, rest, gains))
     write(block, gains)
     joined = 0.0
     for b in each(block.columns, width=WIDEST_VECTOR, spill=True):
-        joined = magnitude(joined, steps_in(block.beside, block.dimension, block.columns).side[b])
+        joined = magnitude(joined, steps_in(block.neighbours, block.dimension, block.columns).side[b])
     if joined > 0.0:
-        increments(block.with_step(block.beside, rest, beside_gains))
-        join(block, gains, beside_gains)
+        increments(block.with_step(block.neighbours, rest, neighbour_gains))
+        join(block, gains, neighbour_gains)
 
 
 @inline
@@ -225,7 +225,7 @@ def write(block: PolynomialBlock, gains: In) -> None:
 
     `gains` are the changes of the state from the start of the step to its stages, one vector for each stage.
     """
-    step, total, stages = steps_in(block.own, block.dimension, block.columns), block.total, block.stages
+    step, total, stages = steps_in(block.step_data, block.dimension, block.columns), block.total, block.stages
     _, _, _, powers = parts_of(block.table, stages)
     for power in range(block.degree + 1):
         line, coefficients = powers[power * (stages + 1) :], block.out[power * total :]
@@ -249,28 +249,28 @@ def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
 
 
 @inline
-def join(block: PolynomialBlock, gains: In, beside_gains: In) -> None:
+def join(block: PolynomialBlock, gains: In, neighbour_gains: In) -> None:
     """Make slopes continuous between steps: add multiples of the node polynomial's integral to `block.out`.
 
     The node polynomial is zero at the stages. `gains` are the changes of the state from the start of each step
-    to its stages, and `beside_gains` those of the neighbouring step.
+    to its stages, and `neighbour_gains` those of the neighbouring step.
     """
-    step = steps_in(block.own, block.dimension, block.columns)
-    beside = steps_in(block.beside, block.dimension, block.columns)
+    step = steps_in(block.step_data, block.dimension, block.columns)
+    neighbour = steps_in(block.neighbours, block.dimension, block.columns)
     total, stages = block.total, block.stages
     inverse, rates, nodes, powers = parts_of(block.table, stages)
     (state, spread, correction, missing), (row, fraction, rate), _ = block.lay_out(JOINED)
     nearest = block.table[0]
     for b in block.each_column():
-        ratio = beside.h[b] / step.h[b]
+        ratio = neighbour.h[b] / step.h[b]
         rate[b] = ratio
-        fraction[b] = fma(ratio, nearest, 1.0) if beside.side[b] > 0.5 else 0.0
-    block.spread(beside.side, spread)
+        fraction[b] = fma(ratio, nearest, 1.0) if neighbour.side[b] > 0.5 else 0.0
+    block.spread(neighbour.side, spread)
     block.spread(rate, state)
     last = inverse[(stages - 1) * stages :]
     for x in block.entries():
-        before = weighted(0.0, beside_gains, total, x, last, 0, stages)
-        after = weighted(0.0, beside_gains, total, x, inverse, 0, stages)
+        before = weighted(0.0, neighbour_gains, total, x, last, 0, stages)
+        after = weighted(0.0, neighbour_gains, total, x, inverse, 0, stages)
         slope = after if spread[x] > 0.5 else before
         correction[x] = slope / state[x]
     for i in range(stages):

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.dense.block import (
-    OwnStep,
+    BlockSteps,
     PolynomialBlock,
     StepPolynomial,
     WorkSize,
@@ -95,7 +95,7 @@ def hermite(block: PolynomialBlock) -> None:
     nodes, followed by the same differences for the next iterate. `moved` has for each column its change in the
     last iteration, 0 once the iteration diverges.
     """
-    step = steps_in(block.own, block.dimension, block.columns)
+    step = steps_in(block.step_data, block.dimension, block.columns)
     (h, first, last, _, _), (time, _, _, _), changes = block.lay_out(ROOM)
     cubic = Cubic(step.y, step.new, first, last)
     block.spread(step.h, h)
@@ -152,7 +152,7 @@ def measure(block: PolynomialBlock) -> None:
 
 
 @inline
-def iterate(block: PolynomialBlock, step: OwnStep, cubic: Cubic) -> None:
+def iterate(block: PolynomialBlock, step: BlockSteps, cubic: Cubic) -> None:
     """Write the next iterate of Picard's iteration after the present one in work memory.
 
     An iterate is the difference of the path's slope from the cubic's slope at each inner node. The present
@@ -284,7 +284,7 @@ def runge_kutta(block: PolynomialBlock) -> None:
     so that slopes enter only by their differences from the first slope: weights of some hundred then amplify
     less rounding. If a slope has no value, the step has no path, even if its coefficients are zero.
     """
-    step = steps_in(block.own, block.dimension, block.columns)
+    step = steps_in(block.step_data, block.dimension, block.columns)
     total, stages, out = block.total, block.stages, block.out
     (h, moved), (time,), slopes = block.lay_out(STAGES_ROOM)
     rows = block.table[stages:]
@@ -329,20 +329,19 @@ def series_polynomial(
     padded: int,
     dimension: int,
     columns: int,
-    own: In,
-    _beside: In,
+    step_data: In,
+    _neighbours: In,
     work: Out,
     out: Out,
 ) -> None:
     """Write the Taylor polynomials of a block of steps to `out`, by powers; NaN if a matrix is singular.
 
-    `own` has times, lengths and states of the steps by columns, as in `OwnStep`; `_beside` is not used. The
-    procedure `jet` computes the Taylor coefficients of a state up to `order`. `prepared` are the parameters and
-    the values that depend on them alone, and `constants` the constants of the series. The work memory has the
-    state and its rounding error (zero), each of `padded` doubles. A row of coefficients for each power follows;
-    the rows are `width` doubles apart.
+    `step_data` has the steps by columns, as in `BlockSteps`; `_neighbours` is not used. The procedure `jet` computes
+    the Taylor coefficients of a state up to `order`. `prepared` are the parameters and the values that depend on them
+    alone, and `constants` the constants of the series. The work memory has the state and its rounding error (zero),
+    each of `padded` doubles. A row of coefficients for each power follows; the rows are `width` doubles apart.
     """
-    step, rows, total = steps_in(own, dimension, columns), work[padded * 2 :], dimension * columns
+    step, rows, total = steps_in(step_data, dimension, columns), work[padded * 2 :], dimension * columns
     for i in range(padded * 2):
         work[i] = 0.0
     for b in range(columns):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.constants import RELATIVE_PERTURBATION, WIDEST_VECTOR
-from lagrange.algorithm.dense.block import COLUMNS, POLYNOMIAL, OwnStep, gather, steps_in
+from lagrange.algorithm.dense.block import COLUMNS, POLYNOMIAL, BlockSteps, gather, steps_in
 from lagrange.algorithm.events.constants import CERTAINTY, DENSE_ROUND_OFF, EPSILON, LARGEST_NOISE, NOISE, TAIL, TINY
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.decorators import Bundle, Stated, inline, procedure
@@ -273,8 +273,8 @@ class Samples:
     screen_given: In
     law: Callable[..., Any]
     law_parameters: In
-    own: Out
-    beside: Out
+    step_data: Out
+    neighbours: Out
     path_work: Out
     c: Out
     kernel: Callable[..., Any]
@@ -300,9 +300,9 @@ class Samples:
         return Lines(*arrays)
 
     @inline
-    def block(self) -> OwnStep:
+    def block(self) -> BlockSteps:
         """Return the steps of the block that is sampled: their times, lengths and states."""
-        return steps_in(self.own, self.dimension, self.columns)
+        return steps_in(self.step_data, self.dimension, self.columns)
 
     @inline
     def each_column(self) -> Iterator[int]:
@@ -316,7 +316,7 @@ class Samples:
         If `with_neighbours` is 1, their neighbours are copied too.
         """
         run = self.steps, self.times, self.states
-        gather(self.dimension, self.columns, step_numbers, *run, with_neighbours, self.own, self.beside)
+        gather(self.dimension, self.columns, step_numbers, *run, with_neighbours, self.step_data, self.neighbours)
         for b in range(self.columns):
             lines.t_end[b] = self.times[step_numbers[b] + 1]
 
@@ -328,7 +328,7 @@ class Samples:
         `lines.doubtful`. Return True if an event function has no value.
         """
         self.gather(lines, step_numbers, self.both)
-        self.polynomial(self.given, self.columns, self.own, self.beside, self.path_work, self.c)
+        self.polynomial(self.given, self.columns, self.step_data, self.neighbours, self.path_work, self.c)
         return self.find_doubtful(lines, self.degree, screening=False)
 
     @inline
@@ -341,7 +341,7 @@ class Samples:
         singular.
         """
         self.gather(lines, step_numbers, 0)
-        self.screen(self.screen_given, self.columns, self.own, self.beside, self.path_work, self.c)
+        self.screen(self.screen_given, self.columns, self.step_data, self.neighbours, self.path_work, self.c)
         columns, total, step = self.columns, self.dimension * self.columns, self.block()
         y, slopes = lines.part_state, lines.state
         for b in self.each_column():
@@ -498,7 +498,7 @@ class Samples:
 def samples_type(*without: str) -> Bundle:
     """Return the type of a procedure's parameter of class `Samples`; the fields `without` are not passed."""
     types: dict[str, Stated] = {"polynomial": POLYNOMIAL, "screen": POLYNOMIAL, "law": COLUMNS, "kernel": COLUMNS}
-    types |= dict.fromkeys(("own", "beside", "path_work", "c", "work"), Array(room=WIDEST_VECTOR))
+    types |= dict.fromkeys(("step_data", "neighbours", "path_work", "c", "work"), Array(room=WIDEST_VECTOR))
     types |= dict.fromkeys(("times", "states"), Array(read=True))
     return Bundle(Samples, types | dict.fromkeys(without))
 

@@ -24,7 +24,7 @@ from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 
 from lagrange.algorithm.constants import WIDEST_VECTOR
-from lagrange.algorithm.dense.block import OwnStep, StepPolynomial, block_size, steps_in
+from lagrange.algorithm.dense.block import BlockSteps, StepPolynomial, block_size, steps_in
 from lagrange.algorithm.projection import compensated
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.algorithm.taylor.sums import outstanding, powers_of, series_sum
@@ -116,7 +116,7 @@ class MemberDenseOutput:
 class PathMemory:
     """Memory of the polynomial of a step: the step, work memory, and the coefficients `c`."""
 
-    step: OwnStep
+    step: BlockSteps
     work: Out
     c: Out
 
@@ -143,17 +143,18 @@ class MemberStepPath:
         return self.kind.size(self.dimension, 1)
 
     @inline
-    def write(self, tables: tuple[In, In], columns: int, own: In, beside: In, work: Out, out: Out) -> None:
+    def write(self, tables: tuple[In, In], columns: int, step_data: In, neighbours: In, work: Out, out: Out) -> None:
         """Write the coefficients of the polynomials of a block of steps to `out`, by powers.
 
-        `tables` are two arrays: the parameters with all values that depend on them alone, and the coefficients
-        of the method. `own` are the steps and `beside` their neighbours, each with data as in `OwnStep`, in a
-        number of `columns`.
+        `tables` are two arrays: the parameters with all values that depend on them alone, and the coefficients of the
+        method. `step_data` and `neighbours` have the data of the steps and of their neighbours, by `columns` as in
+        `BlockSteps`.
         """
         numbers, table = tables
-        names = "parameters", "table", "stages", "degree", "dimension", "columns", "own", "beside", "work", "out"
+        settings = "parameters", "table", "stages", "degree", "dimension", "columns"
+        names = (*settings, "step_data", "neighbours", "work", "out")
         layout = self.kind.stages, self.kind.degree, self.dimension, columns
-        arguments = dict(zip(names, (numbers, table, *layout, own, beside, work, out), strict=True))
+        arguments = dict(zip(names, (numbers, table, *layout, step_data, neighbours, work, out), strict=True))
         generated(self.procedure, *[arguments[parameter.name] for parameter in self.procedure.parameters])
 
     @inline

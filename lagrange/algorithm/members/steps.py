@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.algorithm.constants import WIDEST_VECTOR, Outcome
-from lagrange.algorithm.dense.block import OwnStep
+from lagrange.algorithm.dense.block import BlockSteps
 from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.events.constants import NOISE_HALVES
 from lagrange.algorithm.events.samples import Lines, Samples, work_size
@@ -162,7 +162,7 @@ def review_step(
     """Find the zeros of event functions on a step up to time `end`. Return why the search ended.
 
     The codes are those of the search for zeros: ENDED after the whole step, CHANGED if an event ends the run, or
-    IRREGULAR. The zeros are written to `watch`. `step` has the data of the step as in `OwnStep`. `numbers` are
+    IRREGULAR. The zeros are written to `watch`. `step` has the data of the step as in `BlockSteps`. `numbers` are
     the parameters and all values that depend on them alone, and `table` has the coefficients of the dense
     output. `factors` are near 1 and perturb the entries of a state, to estimate rounding errors.
     """
@@ -181,8 +181,8 @@ def review_step(
         screen_given=tables,
         law=functions.law,
         law_parameters=numbers,
-        own=step,
-        beside=step,
+        step_data=step,
+        neighbours=step,
         path_work=work,
         c=c,
         kernel=functions.kernel,
@@ -286,7 +286,7 @@ class StepEventSearch:
 
     @inline
     def look(
-        self, memory: ReviewMemory, job: Any, member: Any, index: int, step: OwnStep, end: float
+        self, memory: ReviewMemory, job: Any, member: Any, index: int, step: BlockSteps, end: float
     ) -> tuple[int, float, float]:
         """Search a step for events up to the time `end`. Return an outcome, and the end of the step.
 
@@ -313,7 +313,7 @@ class StepEventSearch:
         return ENDED_BY_EVENT if is_changed else Outcome.PAUSED if is_regular else Outcome.WATCHED, t, part
 
     @inline
-    def place_of_end(self, memory: ReviewMemory, step: OwnStep, end: float) -> tuple[float, float]:
+    def place_of_end(self, memory: ReviewMemory, step: BlockSteps, end: float) -> tuple[float, float]:
         """Write the state at the event that ends the run to `memory.there`.
 
         Return the time of the event and its fraction of the step. At an end of the step the state is the one

@@ -97,13 +97,13 @@ def first_step(arguments: Running, span: float, direction: float, *, layout: Lay
 class Slopes:
     """Derivatives of the state near the start of a run, in vectors of the step that no trial step has used yet.
 
-    `start` is the derivative at the start, `later` that after an Euler step, `beside` that at a slightly
+    `start` is the derivative at the start, `later` that after an Euler step, `perturbed` that at a slightly
     perturbed state. `sensitivity` has for each acceleration that may be rounding its sensitivity to the state.
     """
 
     start: Out
     later: Out
-    beside: Out
+    perturbed: Out
     sensitivity: Out
 
 
@@ -117,15 +117,15 @@ def slopes_of(arguments: Running, layout: Layout) -> Slopes:
 
 @inline
 def probe(arguments: Running, slopes: Slopes, move: float, layout: Layout) -> bool:
-    """Write the slopes after an Euler step of the length `move`, and beside the start. Return True if singular."""
+    """Write the slopes after an Euler step of the length `move` and at a perturbed start. Return True if singular."""
     t, y, argument = arguments.run.t, arguments.work[0:], arguments.work[layout.argument :]
     for i in each(layout.width, spill=True, disjoint=True):
         argument[i] = fma(move, slopes.start[i], y[i])
     failed_later = evaluate(arguments, t + move, argument, slopes.later, layout)
     for k, factor in enumerate(perturbation_factors(layout.dimension).tolist()):
         argument[k] = y[k] * (1 + RELATIVE_PERTURBATION * factor)
-    failed_beside = evaluate(arguments, t, argument, slopes.beside, layout)
-    return failed_later or failed_beside
+    failed_perturbed = evaluate(arguments, t, argument, slopes.perturbed, layout)
+    return failed_later or failed_perturbed
 
 
 @inline
@@ -145,7 +145,7 @@ def squared_rates(
         acceleration = slopes.start[below]
         force, position_size, speed = abs(acceleration), size(y, floors, rtol, i), size(y, floors, rtol, below)
         has_position, has_speed = abs(y[i]) > 0.0, abs(y[below]) > 0.0
-        sensed = abs(slopes.beside[below] - acceleration) / RELATIVE_PERTURBATION
+        sensed = abs(slopes.perturbed[below] - acceleration) / RELATIVE_PERTURBATION
         is_doubtful = force < CANCELLATION * sensed
         jerk = abs(slopes.later[below] - acceleration) / trial / speed if has_speed else 0.0
         ratio = force / speed
