@@ -75,7 +75,7 @@ class Stages:
         return self.machine.series(program), switched
 
     @property
-    def again(self) -> Callable[..., Model]:
+    def rebuild(self) -> Callable[..., Model]:
         """Function that compiles a statement for the same machine. It can be pickled, without these equations."""
         return partial(_on_machine, self.machine.name)
 

@@ -359,7 +359,7 @@ class KernelProvider(Protocol):
         """Return the Taylor series of the motion and of the `watched` nodes, and the switching surfaces."""
 
     @property
-    def again(self) -> Callable[..., Any]:
+    def rebuild(self) -> Callable[..., Any]:
         """Function that builds a model from a statement on the same machine, for pickles and changed statements.
 
         Its arguments are the statement and the indices of independent constraints, or None if these are unknown.

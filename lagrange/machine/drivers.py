@@ -18,7 +18,7 @@ from lagrange.algorithm.constants import RELATIVE_PERTURBATION, WIDEST_VECTOR, p
 from lagrange.algorithm.events.constants import CROSSING
 from lagrange.algorithm.step.memory import EFFORT, NEWTON
 from lagrange.algorithm.taylor.memory import HELD, MOST_SURFACES
-from lagrange.algorithm.taylor.watching import MOST_ZEROS, PARTS, SETTINGS, SIDES, WATCH, scratch_sizes
+from lagrange.algorithm.taylor.watched_functions import MOST_ZEROS, PARTS, SETTINGS, SIDES, WATCH, scratch_sizes
 from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel, Machine, SeriesCode
 from lagrange.machine.kernel.interpreted import FLOATS

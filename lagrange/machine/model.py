@@ -83,7 +83,7 @@ class Model:
         """Cache of objects that one run prepares for later runs, by key."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return self._made.again, (self.statement,)
+        return self._made.rebuild, (self.statement,)
 
     def __repr__(self) -> str:
         names = abridged(self.statement.names)
@@ -351,7 +351,7 @@ class Model:
         last = len(statement.constraints) - 1
         indices = [] if kept is None else real_array(kept, "kept").ravel().tolist()
         rows = None if kept is None else [whole_number(i, "kept", 0, last) for i in indices]
-        return self._made.again(statement, rows)
+        return self._made.rebuild(statement, rows)
 
     def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray:
         """Return the quantity `name` at (t, q, v).
@@ -386,7 +386,7 @@ class Model:
             result = kernel.columns(time, state, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
         except SingularMassMatrix as error:
             raise RunError(self.singular_message(time, np.concatenate(state), error.column, values)) from error
-        looked_at = self._alone and kernel.program.solved and (q.ndim == 1 or may_vanish(self._masses, values))
+        looked_at = self._uncoupled and kernel.program.solved and (q.ndim == 1 or may_vanish(self._masses, values))
         if looked_at and not surely_finite(result):
             column = self.column_without_inertia(time, q, v, values)
             if column is not None:
@@ -414,7 +414,7 @@ class Model:
         return tuple(self.layout.names(".dot")[row] for row in rows if row >= self.layout.v.start)
 
     @cached_property
-    def _alone(self) -> list[int]:
+    def _uncoupled(self) -> list[int]:
         """Indices of the coordinates that no other coordinate is coupled to by the mass matrix.
 
         Their acceleration is force divided by inertia, so it is infinite or NaN if the inertia is zero.
@@ -423,11 +423,11 @@ class Model:
 
     @cached_property
     def _masses(self) -> Kernel:
-        """The kernel of the inertias M[i][i] of the coordinates `_alone`, which are coupled to no other.
+        """The kernel of the inertias M[i][i] of the coordinates `_uncoupled`, which are coupled to no other.
 
         It is not compiled, because a run calls it only once.
         """
-        return PythonKernel(self.function("inertia", tuple(self.equations.mass[i][i] for i in self._alone)).program)
+        return PythonKernel(self.function("inertia", tuple(self.equations.mass[i][i] for i in self._uncoupled)).program)
 
     def column_without_inertia(
         self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray
@@ -440,7 +440,7 @@ class Model:
         """
         (q, v), values = self._state(q, v), self.parameter_array(parameters)
         t = self._time(t, q)
-        if not self._alone:
+        if not self._uncoupled:
             return None
         quick = self._masses.quick(values)
         masses = None if quick is None else quick.parts(t, q, v)

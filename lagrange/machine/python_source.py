@@ -238,7 +238,7 @@ class _ArrayPrinter(Printer):
                 raise LagrangeError(f"{fold.op} has no form for all iterations at once.")
             self.types[fold.ref] = REAL
             self.write(f"{self.name(fold.ref)} = _largest({self.text(fold.value)})")
-        self.waiting.clear()
+        self.deferred.clear()
         self.each_of = None
 
     def let(self, let: form.Let) -> None:

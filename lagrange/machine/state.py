@@ -215,7 +215,7 @@ class StepFunction(NamedTuple):
     entries: WholeArray
 
 
-class Happened(NamedTuple):
+class NewEvents(NamedTuple):
     """Events found since the last call, and the rows after which the motion changes by a reset or a switch.
 
     Event k is a zero of the event function with index `which[k]`, at the time `when[k]` and the state
@@ -303,19 +303,19 @@ class StepEventMemory:
         """Number of accepted steps of the run that are already searched for events."""
         return self.taken + int(self.run.begin) - 1
 
-    def happened(self) -> Happened:
+    def new_events(self) -> NewEvents:
         """Return the events found since the last call, and the rows after which a reset or switch followed."""
         count, breaks = self.review.written, self.run.breaks
         self.review.written = self.run.breaks = self.run.proven = 0
         zeros = self.which[:count].copy(), self.when[:count].copy(), self.there[:count].copy()
         rows = self.break_rows[:breaks].copy(), self.break_times[:breaks].copy(), self.break_states[:breaks].copy()
-        return Happened(*zeros, *rows)
+        return NewEvents(*zeros, *rows)
 
 
 EventSteps = Callable[[DriverState, StepEventMemory, FloatArray, FloatArray], int]
 """A function that takes steps of a run and finds the events on them. It returns a number that says why it stopped.
 
 Arguments: the state of the run, the memory of events, and the arrays for the times (c,) and states (c, 2n) of accepted
-steps. The number is an `Outcome`, or the code `LOOK` (a step is irregular) or `READ_EVENTS` (the arrays of the memory
+steps. The number is an `Outcome`, or the code `NEEDS_REVIEW` (a step is irregular) or `READ_EVENTS` (the arrays of the memory
 are full) of `event_steps`.
 """

@@ -22,8 +22,8 @@ from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.kernel.body import PreparedLayout
 from lagrange.algorithm.kernel.kernels import kernel, prepare
-from lagrange.algorithm.members.along import MemberDenseOutput, Sampled, lobatto
 from lagrange.algorithm.members.queue import COUNTED, Observed, SystemNumbers, energy_and_momenta
+from lagrange.algorithm.members.reductions import MemberDenseOutput, Sampled, lobatto
 from lagrange.algorithm.members.steps import StepEvents, StepMembers
 from lagrange.algorithm.members.taylor import TaylorEvents, TaylorMembers
 from lagrange.algorithm.series.integrator import TaylorProcedures

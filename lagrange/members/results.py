@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lagrange.algorithm.members.along import SIGNS, lobatto, raised
 from lagrange.algorithm.members.queue import COUNTED
+from lagrange.algorithm.members.reductions import SIGNS, lobatto, raised
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
@@ -228,7 +228,7 @@ STEPS_AT_ONCE = 16384
 OVERSHOOT = 2.5
 """Bound of how far a maximum on a step exceeds its samples, in units of their largest change from one to the next.
 
-`lagrange.algorithm.members.along.raised` takes slopes to be at most twice those from sample to sample, whose distances
+`lagrange.algorithm.members.reductions.raised` takes slopes to be at most twice those from sample to sample, whose distances
 differ from that to the next one by at most a factor of 2.3.
 """
 

@@ -21,7 +21,7 @@ from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Block, Callee, Kin
 from lagrange.procedure.values import VALUES, Entries, Flag, Memory, Real, RecordFields, Value, Variable, Whole
 
 
-class GivenFunction:
+class FunctionParameter:
     """A parameter of the procedure that is a function: it can be called, or passed on to other procedures."""
 
     def __init__(self, builder: Builder, ref: int, callee: Callee) -> None:
@@ -86,9 +86,9 @@ class Builder:
         """Add a parameter that is a record (named numbers that persist across calls), and return it."""
         return RecordFields(self, self._parameter(name, record), record)
 
-    def function(self, name: str, callee: Callee) -> GivenFunction:
+    def function(self, name: str, callee: Callee) -> FunctionParameter:
         """Add a parameter that is a function of the type `callee`, and return it."""
-        return GivenFunction(self, self._parameter(name, callee), callee)
+        return FunctionParameter(self, self._parameter(name, callee), callee)
 
     def _parameter(self, name: str, kind: Kind | Array | Record | Callee) -> int:
         if self.current:

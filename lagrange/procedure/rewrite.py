@@ -167,7 +167,7 @@ def without_vectors(procedure: Procedure) -> Procedure:
 
 
 class _Rewriter:
-    """Rewrites one procedure. `waiting` are the statements on vectors for the next loop, which has `width` iterations.
+    """Rewrites one procedure. `deferred` are the statements on vectors for the next loop, which has `width` iterations.
 
     A value in a loop has the id of its vector. `arrays` has the array with the entries of a vector or of a variable
     that is one, `copied` the single value of a vector with equal entries, and `whole` the array of which an array is
@@ -186,7 +186,7 @@ class _Rewriter:
         self.arrays: dict[int, int] = {}
         self.copied: dict[int, int] = {}
         self.whole: dict[int, int] = {}
-        self.waiting: list[Statement] = []
+        self.deferred: list[Statement] = []
         self.width = 0
 
     def inside(self, block: Block) -> Block:
@@ -205,22 +205,22 @@ class _Rewriter:
                 self.vectors[ref] = vector
                 self.permute(statement)
             case form.VectorLet(ref=ref, vector=vector) | form.Get(ref=ref, kind=Vector() as vector):
-                self.wait(statement, ref, vector)
+                self.defer(statement, ref, vector)
             case form.VectorLoad(ref=ref, vector=vector, array=array):
                 self.separate(array, form.VectorStore)
-                self.wait(statement, ref, vector)
+                self.defer(statement, ref, vector)
             case form.VectorStore(array=array, value=value):
                 self.separate(array, form.VectorLoad)
-                self.wait(statement, value, self.vectors[value])
+                self.defer(statement, value, self.vectors[value])
             case form.SineCosine(sine=sine, cosine=cosine, angle=angle) if angle in self.vectors:
                 for op, ref in (("sin", sine), ("cos", cosine)):
                     vector = Vector(REAL, self.vectors[angle].width)
-                    self.wait(form.VectorLet(ref, vector, op, (angle,)), ref, vector)
+                    self.defer(form.VectorLet(ref, vector, op, (angle,)), ref, vector)
             case form.Declare(ref=ref, kind=Vector() as vector, value=value):
                 self.arrays[ref] = self.reserved(vector)
-                self.wait(form.Set(ref, value), ref, vector)
+                self.defer(form.Set(ref, value), ref, vector)
             case form.Set(variable=variable) if variable in self.vectors:
-                self.wait(statement, variable, self.vectors[variable])
+                self.defer(statement, variable, self.vectors[variable])
             case form.Reduce(ref=ref, kind=kind, op="entry", vector=vector_ref, place=place):
                 self.add_loop()
                 self.out.append(form.Load(ref, kind, self.array_of(vector_ref), self.number(place)))
@@ -233,17 +233,17 @@ class _Rewriter:
                 self.add_loop()
                 self.out.append(rebuilt(statement, self.inside))
 
-    def wait(self, statement: Statement, ref: int, vector: Vector) -> None:
+    def defer(self, statement: Statement, ref: int, vector: Vector) -> None:
         """Let a statement wait for the next loop. It computes, sets or stores the vector with the id `ref`."""
         if vector.width != self.width:
             self.add_loop()
         self.vectors[ref], self.width = vector, vector.width
-        self.waiting.append(statement)
+        self.deferred.append(statement)
 
     def separate(self, array: int, access: type[form.VectorLoad] | type[form.VectorStore]) -> None:
-        """Add the loop of the waiting statements if one of the class `access` has the same memory as an array."""
+        """Add the loop of the deferred statements if one of the class `access` has the same memory as an array."""
         memory = self.whole.get(array, array)
-        accessed = [other.array for other in self.waiting if isinstance(other, access)]
+        accessed = [other.array for other in self.deferred if isinstance(other, access)]
         if any(self.whole.get(other, other) == memory for other in accessed):
             self.add_loop()
 
@@ -260,7 +260,7 @@ class _Rewriter:
         if len(dict.fromkeys(chosen)) == 1 and chosen[0][1] is None:
             self.copied[let.ref] = chosen[0][0]
             return
-        computed = {ref for waiting in self.waiting for ref in defined(waiting)}
+        computed = {ref for statement in self.deferred for ref in defined(statement)}
         if not computed.isdisjoint(ref for ref, _ in chosen):
             self.add_loop()
         array = self.arrays[let.ref] = self.reserved(let.vector)
@@ -272,11 +272,11 @@ class _Rewriter:
             self.out.append(form.Store(array, self.number(place), value))
 
     def add_loop(self) -> None:
-        """Add a loop over the entries of vectors, with the waiting statements."""
-        if not self.waiting:
+        """Add a loop over the entries of vectors, with the deferred statements."""
+        if not self.deferred:
             return
         index, body = next(self.unused), list[Statement]()
-        inside = Counter(ref for statement in self.waiting for ref in operands(statement))
+        inside = Counter(ref for statement in self.deferred for ref in operands(statement))
         known: dict[int, int] = {}
 
         def entry(ref: int) -> int:
@@ -288,7 +288,7 @@ class _Rewriter:
                 body.append(form.Load(known[ref], self.vectors[ref].kind, self.arrays[ref], index))
             return known[ref]
 
-        for statement in self.waiting:
+        for statement in self.deferred:
             match statement:
                 case form.VectorLet(ref=ref, vector=vector, op=op, args=args):
                     body.append(form.Let(ref, vector.kind, op, tuple(map(entry, args))))
@@ -306,7 +306,7 @@ class _Rewriter:
                     self.arrays[ref] = self.reserved(self.vectors[ref])
                     body.append(form.Store(self.arrays[ref], index, ref))
         self.out.append(form.Each(index, self.number(self.width), tuple(body)))
-        self.waiting = []
+        self.deferred = []
 
     def array_of(self, ref: int) -> int:
         """Return the array with the entries of a vector; one with equal entries gets its array now."""

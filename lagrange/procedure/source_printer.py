@@ -43,7 +43,7 @@ class SourcePrinter(Visitor, Syntax):
             map(self.key, (*INDICES[: loop_depth(procedure.body)], *called, *reserved))
         )
         self.uses = uses_of(procedure.body)
-        self.waiting: dict[int, None] = {}
+        self.deferred: dict[int, None] = {}
         """The values that have not been printed yet, in order."""
         self.constants: dict[int, Any] = {}
         self.depth = 1
@@ -110,10 +110,10 @@ class SourcePrinter(Visitor, Syntax):
 
         A deferred value is an expression that would otherwise be inserted where the value is used.
         """
-        for ref in list(self.waiting):
+        for ref in list(self.deferred):
             _, text = self.texts[ref]
             self.put(self.define(self.name(ref), self.kind(ref), text))
-        self.waiting.clear()
+        self.deferred.clear()
 
     def kind(self, ref: int) -> Kind:
         """Return the kind of the value with the id `ref`."""
@@ -132,7 +132,7 @@ class SourcePrinter(Visitor, Syntax):
 
         It is in parentheses if its binding strength is below `least`.
         """
-        self.waiting.pop(ref, None)
+        self.deferred.pop(ref, None)
         level, text = self.texts[ref]
         return text if level >= least else f"({text})"
 
@@ -141,7 +141,7 @@ class SourcePrinter(Visitor, Syntax):
         before = len(self.lines)
         for statement in block:
             self.statement(statement)
-        self.waiting.clear()
+        self.deferred.clear()
         mark = self.comment("").strip()
         if all(line.lstrip().startswith(mark) for line in self.lines[before:]):
             self.put(self.empty())
@@ -228,7 +228,7 @@ class SourcePrinter(Visitor, Syntax):
         """
         self.types[ref] = kind
         if self.uses.get(ref, 0) == 1 and len(text) < LONGEST_VALUE and ref not in self.procedure.names:
-            self.texts[ref], self.waiting[ref] = (level, text), None
+            self.texts[ref], self.deferred[ref] = (level, text), None
         elif ref in self.uses:
             self.put(self.define(self.name(ref), kind, text))
 

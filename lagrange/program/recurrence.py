@@ -28,11 +28,11 @@ from the left.
 class RecurrenceBuilder:
     """Builds series values for graph nodes: each is a Taylor series with a rule for its coefficients.
 
-    A node gets one series value, which other rules name by its index. `nodes` has for each value the node that
-    computes it at order 0, or None. `rate` is dq/dt, by default v. `unknowns` maps the symbols that a linear system
-    determines, except velocities, to their index among all unknowns. `integrals` maps other symbols to their
-    derivatives. With `apart` the factor a' - b' in the rate of sin(a - b) is multiplied term by term, because cos(a -
-    b) a' may exist already.
+    A node gets one series value, which other rules name by its index. `nodes` has for each value the node that computes
+    it at order 0, or None. `rate` is dq/dt, by default v. `unknowns` maps the symbols that a linear system determines,
+    except velocities, to their index among all unknowns. `integrals` maps other symbols to their derivatives. With
+    `termwise` each term of the factor a' - b' in the rate of sin(a - b) is multiplied separately, because cos(a - b) a'
+    may exist already.
     """
 
     def __init__(
@@ -44,12 +44,12 @@ class RecurrenceBuilder:
         outputs: Sequence[Node],
         *,
         rate: Sequence[Node] = (),
-        apart: bool = False,
+        termwise: bool = False,
         unknowns: Mapping[Node, int] = MappingProxyType({}),
         integrals: Mapping[Node, Node] = MappingProxyType({}),
     ) -> None:
         self.graph = graph
-        self.apart = apart
+        self.termwise = termwise
         self.q, self.v, self.time = tuple(q), tuple(v), time
         self.rules: list[SeriesRule] = []
         self.nodes: list[Node | None] = []
@@ -94,7 +94,7 @@ class RecurrenceBuilder:
                 counts.update(dict.fromkeys(pairs, weight))
             elif node.kind is Kind.CALL and node.data in ("sin", "cos"):
                 rate = self.rate(node.args[0])
-                terms = () if rate is None else rate.args if self.apart and rate.kind is Kind.SUM else (rate,)
+                terms = () if rate is None else rate.args if self.termwise and rate.kind is Kind.SUM else (rate,)
                 calls = [self.graph.call(name, node.args[0]) for name in ("sin", "cos")]
                 counts.update({(call, term): len(order) for call in calls for term in terms})
         return counts
@@ -270,7 +270,7 @@ class RecurrenceBuilder:
         if rate is None:
             self.rules[value] = SeriesRule("along", (self.value(a), w), (self.constant(sign),))
             return
-        if self.apart and rate.kind is Kind.SUM and len(rate.args) > 1:
+        if self.termwise and rate.kind is Kind.SUM and len(rate.args) > 1:
             whole = self.linear(self.split_rate(rate, w), self.node_of(w) * rate)
             self.rules[value] = SeriesRule("integral", (whole,), (self.constant(sign),))
             return

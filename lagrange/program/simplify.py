@@ -45,7 +45,7 @@ def simplified(program: Program) -> Program:
     """
     if len(program.instructions) > LONGEST_PROGRAM:
         return program
-    shorter = _Simplifier(program).made()
+    shorter = _Simplifier(program).finish()
     return shorter if operations(shorter) < operations(program) else program
 
 
@@ -73,14 +73,14 @@ class _Simplifier:
         self.sums: dict[int, list[Term]] = {}
         """Terms of each new sum that has no reader yet."""
 
-    def made(self) -> Program:
+    def finish(self) -> Program:
         """Return the new, simplified program."""
         for instruction, uses in zip(self.program.instructions, uses_of(self.program, twice=()), strict=True):
-            value = self.again(instruction)
+            value = self.translate(instruction)
             self.values.append(value)
             if uses > 1:
                 self.sums.pop(value.ref, None)
-        outputs = [self.plain(ref) for ref in self.program.outputs]
+        outputs = [self.unsigned(ref) for ref in self.program.outputs]
         instructions, hoisted, refs = arranged(self.code, outputs, self.hoisted.__getitem__)
         return replace(self.program, instructions=instructions, hoisted=hoisted, outputs=refs)
 
@@ -101,8 +101,8 @@ class _Simplifier:
                 self.reads[arg] += 1
         return self.numbers[instruction]
 
-    def again(self, instruction: Instruction) -> Signed:
-        """Emit what an instruction of the old program computes, and return its signed result in the new program."""
+    def translate(self, instruction: Instruction) -> Signed:
+        """Emit the simplified form of an instruction of the old program, and return its signed result in the new one."""
         if instruction.op == "constant" and instruction.value < 0.0:
             return Signed(self.emit("constant", value=-instruction.value), negative=True)
         if instruction.op == "neg":
@@ -110,17 +110,17 @@ class _Simplifier:
             return Signed(value.ref, not value.negative)
         operands = [self.values[arg] for arg in instruction.args]
         if instruction.op in ODD:
-            return self.odd(instruction.op, *operands)
+            return self.signed_product(instruction.op, *operands)
         if instruction.op == "fma":
-            return self.sum(self.odd("mul", *operands[:2]), operands[2])
+            return self.sum(self.signed_product("mul", *operands[:2]), operands[2])
         if instruction.op in SUMS:
             first, second = operands
             return self.sum(first, Signed(second.ref, second.negative != (instruction.op == "sub")))
-        args = [value.ref if instruction.op in EVEN else self.plain_of(value) for value in operands]
+        args = [value.ref if instruction.op in EVEN else self.unsigned_of(value) for value in operands]
         data = {name: getattr(instruction, name) for name in ("place", "value", "order", "negative")}
         return Signed(self.emit(instruction.op, *args, **data))
 
-    def odd(self, op: str, a: Signed, b: Signed) -> Signed:
+    def signed_product(self, op: str, a: Signed, b: Signed) -> Signed:
         """Emit the product or quotient of two signed values, and return its signed result.
 
         `op` is "mul" or "div". The result is negative if exactly one operand is.
@@ -144,24 +144,24 @@ class _Simplifier:
             return Signed(self.emit("add", a.ref, b.ref), a.negative)
         return Signed(self.emit("sub", *((b.ref, a.ref) if a.negative else (a.ref, b.ref))))
 
-    def plain(self, ref: int) -> int:
+    def unsigned(self, ref: int) -> int:
         """Return the index of an instruction of the new program for the result `ref` of the old one.
 
         A negative sign is applied by a further operation.
         """
-        return self.plain_of(self.values[ref])
+        return self.unsigned_of(self.values[ref])
 
-    def plain_of(self, value: Signed) -> int:
+    def unsigned_of(self, value: Signed) -> int:
         """Return the index of an instruction that computes a signed value.
 
         A negative sign is applied by a further operation.
         """
         if not value.negative:
             return value.ref
-        free = self.turned(value.ref, 0)
+        free = self.negative_of(value.ref, 0)
         return self.emit("neg", value.ref) if free is None else free
 
-    def turned(self, ref: int, readers: int) -> int | None:
+    def negative_of(self, ref: int, readers: int) -> int | None:
         """Return the index of a result that is the negative of the result `ref`, if that costs no further operation.
 
         Return None if it costs one, or if more than `readers` instructions read the result.
@@ -178,17 +178,17 @@ class _Simplifier:
         if instruction.op not in ("add", *ODD):
             return None
         first, second = instruction.args
-        negated = self.turned(first, 1)
+        negated = self.negative_of(first, 1)
         if negated is not None:
             return self.emit("sub" if instruction.op == "add" else instruction.op, negated, second)
-        negated = self.turned(second, 1)
+        negated = self.negative_of(second, 1)
         if negated is None:
             return None
         return (
             self.emit("sub", negated, first) if instruction.op == "add" else self.emit(instruction.op, first, negated)
         )
 
-    def parts(self, ref: int) -> list[Signed]:
+    def addends(self, ref: int) -> list[Signed]:
         """Return the signed operands of `ref` if it is a sum or difference; an empty list for other instructions."""
         instruction = self.code[ref]
         if instruction.op not in SUMS:
@@ -211,7 +211,7 @@ class _Simplifier:
                 rest.remove(difference)
                 products = [
                     (negative != part.negative, tuple(sorted([*rest, *self.factors[part.ref]])))
-                    for part in self.parts(difference)
+                    for part in self.addends(difference)
                 ]
                 for (sign, product), kept in zip(products, reversed(products), strict=True):
                     if (not sign, product) in terms:

@@ -108,9 +108,9 @@ def assemblies(e: Equations, parts: Parts, switched: Switched) -> list[_Assembly
         # form may assume p.
         f, p = bias_forces(f, p, q, rate, e.time), [e.graph.zero] * len(p)
     return [
-        _Assembly(e, form, parts, switched, steady=steady, apart=apart)
+        _Assembly(e, form, parts, switched, steady=steady, termwise=termwise)
         for form in forms(p, f, q, rate, e.time)
-        for apart in (False, True)
+        for termwise in (False, True)
     ]
 
 
@@ -118,7 +118,7 @@ class _Assembly:
     """Builds the series of one form of the equations of motion: its values and their rules."""
 
     def __init__(
-        self, equations: Equations, form: Form, parts: Parts, switched: Switched, *, steady: bool, apart: bool
+        self, equations: Equations, form: Form, parts: Parts, switched: Switched, *, steady: bool, termwise: bool
     ) -> None:
         self.equations = equations
         self.triangles, self.switched = parts["triangle"], switched
@@ -150,7 +150,7 @@ class _Assembly:
             equations.time,
             nodes,
             rate=parts["rates"],
-            apart=apart,
+            termwise=termwise,
             unknowns={symbol: n + m + i for i, symbol in enumerate(solved_for)},
             integrals={} if turning is None else turning.integrals,
         )

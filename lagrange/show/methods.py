@@ -13,9 +13,9 @@ from lagrange.trajectory.foreign import scipy_solvers
 from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.methods.explicit import RungeKutta, explicit_method, tableau
 from lagrange.trajectory.methods.implicit import ImplicitMethod
-from lagrange.trajectory.methods.own import StepMethod, step_method
 from lagrange.trajectory.methods.registry import BUILT_IN, names, register, table
 from lagrange.trajectory.methods.splitting import Splitting, composition
+from lagrange.trajectory.methods.user_defined import StepMethod, step_method
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
 if TYPE_CHECKING:  # signatures for type checkers; at run time the built-in methods are added below

@@ -266,7 +266,7 @@ class _Run:
                 if room <= 0 and not is_at_end:
                     return Status.MAX_MEMORY, events_fill(problem) if rows.dropped else ""
                 # At the end time one more step is allowed, with which the driver reports that it is done.
-                budget = min(per_call, max(min(left, room), 1), pace.next_look - tries)
+                budget = min(per_call, max(min(left, room), 1), pace.next_test - tries)
                 counts[DriverState.ROWS] = 0
                 times, states = rows.begin_call(budget)
                 before = time.perf_counter()
@@ -308,7 +308,7 @@ class _Run:
             return watch.process(state)
         if outcome is Outcome.DONE:
             return REACHED
-        return pace.look(state, self.rows.parts, self.without_event(outcome))
+        return pace.test(state, self.rows.parts, self.without_event(outcome))
 
     def without_event(self, outcome: Outcome) -> EventResult:
         """Return whether and how the run ends after a driver call that stopped with `outcome`, but not for an event.

@@ -16,7 +16,7 @@ from lagrange.statement.event import Event
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.ending_messages import message, number
 from lagrange.trajectory.events.actions import ALIKE, model_events
-from lagrange.trajectory.events.end_messages import EventResult, accumulating, nowhere
+from lagrange.trajectory.events.end_messages import EventResult, accumulating, not_finite_after_reset
 from lagrange.trajectory.events.event_log import MOST_REPEATS, ChangeCounter
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.measures.conservation import energy
@@ -184,7 +184,7 @@ def _after_event(
             free = old == segment.parameters[symbol] or np.isclose(old, value, rtol=ALIKE, atol=0.0)
             parameters[symbol] = value if free else np.nan
     if not (np.isfinite(y).all() and np.isfinite(list(parameters.values())).all()):
-        return y, parameters, nowhere(listing(_name(problem, i) for i in acting))
+        return y, parameters, not_finite_after_reset(listing(_name(problem, i) for i in acting))
     named = {row for reset in resets for row in reset.rows}
     follows = [row for row in model.equations.following if row not in named]
     y[follows] = 0.0

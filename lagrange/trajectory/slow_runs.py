@@ -1,4 +1,4 @@
-"""Tests whether a slow run is due to rounding noise, sticks to a surface, or nears a singularity; compile limit."""
+"""Causes of slow runs: rounding noise, sticking to a switching surface, a singularity ahead, late compilation."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def stuck(
     return None
 
 
-FIRST_LOOK = 4096
+FIRST_TEST = 4096
 """Number of trial steps before the first test; it doubles for each further test. Most runs end before the first test.
 """
 
@@ -85,14 +85,14 @@ state needs fewer steps.
 class Pace:
     """Tests, between two calls of the driver, whether a run is slow because of rounding noise or sticks to a surface.
 
-    `next_look` is the number of trial steps at which the next test is made.
+    `next_test` is the number of trial steps at which the next test is made.
     """
 
     def __init__(self, problem: Problem) -> None:
-        self.next_look = FIRST_LOOK
+        self.next_test = FIRST_TEST
         self._problem, self._tries, self._t, self._regularity = problem, 0, problem.t0, 1.0
 
-    def look(self, state: DriverState, parts: Sequence[WrittenStates], result: EventResult) -> EventResult:
+    def test(self, state: DriverState, parts: Sequence[WrittenStates], result: EventResult) -> EventResult:
         """Return the end of a run that sticks to a switching surface, else `result`, that of the last driver call.
 
         `parts` are the accepted states. Sticking is tested in three cases: the run would reach `max_steps` at the
@@ -104,12 +104,12 @@ class Pace:
             return stuck(self._problem, state.t, parts, reach, UNSOLVED_ROWS) or result
         tries = state.count(DriverState.STEPS) + state.count(DriverState.REJECTED)
         vanished = result.status is Status.STEP_TOO_SMALL
-        if result.detail or not (vanished or (result.status is None and tries >= self.next_look)):
+        if result.detail or not (vanished or (result.status is None and tries >= self.next_test)):
             return result
         problem, covered, new = self._problem, abs(state.t - self._t), tries - self._tries
         self._tries, self._t = tries, state.t
-        while self.next_look <= tries:
-            self.next_look *= 2
+        while self.next_test <= tries:
+            self.next_test *= 2
         needed = new * abs(problem.t1 - state.t) / covered if covered else math.inf
         if needed > SLOW * tries and not vanished:
             raise_to_noise(problem.model, problem.parameter_array, state)

@@ -16,7 +16,7 @@ from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.events.roots import roots
 from lagrange.algorithm.taylor.event_series import doubtful_events, event_terms, only_passage, only_zero
 from lagrange.algorithm.taylor.memory import TaylorLayout
-from lagrange.algorithm.taylor.watching import TERM_SUMS
+from lagrange.algorithm.taylor.watched_functions import TERM_SUMS
 from lagrange.machine.llvm.engine import compiled
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine

@@ -22,9 +22,9 @@ from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.explicit import RK4, tableau
-from lagrange.trajectory.methods.own import step_method
 from lagrange.trajectory.methods.registry import BUILT_IN, GROUP, find, names, register, table
 from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.methods.user_defined import step_method
 from tests.models import TARGETS, model
 from tests.refusals import refusal
 from tests.trajectory.runs import NAMES, exact, run

@@ -83,10 +83,10 @@ CLOSEST = 64 * 2.0**-52
 NOISE_HALVES = 8.0
 """Noise of one state, in half spacings of doubles."""
 
-LONGEST_LOOK = 256
+MOST_BETWEEN_REVIEWS = 256
 """Largest number of steps between two reviews if an event may end the motion. Steps after that event are discarded."""
 
-FIRST_LOOK = 4
+FIRST_REVIEW = 4
 """Number of steps before the first review if an event resets the state. Steps after the reset are discarded."""
 
 RESTART_FACTOR = 2.0

@@ -17,7 +17,7 @@ from lagrange.algorithm.events.constants import (
     ALONG,
     CLEARLY,
     CLOSEST,
-    LONGEST_LOOK,
+    MOST_BETWEEN_REVIEWS,
     NOISE_HALVES,
     RESTART_FACTOR,
     SHORTEST_RESTART,
@@ -49,9 +49,9 @@ reals and counts of the run, work memory, the number of trial steps, and the arr
 MOST_WAITING = 1024
 """Largest number of steps between reviews. Their times and states are stored until the review."""
 
-LOOK, READ_EVENTS = 16, 17
-"""Codes beside those of `Outcome`. LOOK: a step is irregular. READ_EVENTS: the array of events or of changes of the
-motion is full.
+NEEDS_REVIEW, READ_EVENTS = 16, 17
+"""Codes in addition to those of `Outcome`. NEEDS_REVIEW: a step is irregular, and the caller must search it.
+READ_EVENTS: the array of events or of changes of the motion is full.
 """
 
 RESET_AT, RESET_SIZE, UNTIL_END, SETTINGS = range(4)
@@ -160,7 +160,7 @@ GO_ON = -1
 
 
 @dataclass(frozen=True)
-class Waiting:
+class PendingSteps:
     """Steps that are not searched for events yet, the driver that takes steps, and arrays for accepted steps.
 
     The steps are rows of `times` and `states`, from row 0 on, for states of a `dimension`. The callback `drive`
@@ -282,7 +282,7 @@ class Waiting:
         else:
             interval = larger(RESTART_FACTOR * abs(t - run.changed), SHORTEST_RESTART * abs(t))
             reals[H] = math.copysign(smaller(abs(length), interval), length)
-        run.ahead = max(1, min(run.since + kept, LONGEST_LOOK))
+        run.ahead = max(1, min(run.since + kept, MOST_BETWEEN_REVIEWS))
         run.since, run.count, run.begin, run.before = 0, 0, 1, 0
 
     @inline
@@ -312,7 +312,7 @@ class EventLoop:
 
     samples: Samples
     watch: ReviewedEvents
-    waiting: Waiting
+    pending: PendingSteps
     values: Callable[..., Any]
     value_numbers: In
     resets: Callable[..., Any]
@@ -329,9 +329,9 @@ class EventLoop:
 
         `steps` is their number.
         """
-        waiting = self.waiting
-        run = waiting.times[first:], waiting.row(first)
-        return replace(self.samples, dimension=waiting.dimension, times=run[0], states=run[1], steps=steps)
+        pending = self.pending
+        run = pending.times[first:], pending.row(first)
+        return replace(self.samples, dimension=pending.dimension, times=run[0], states=run[1], steps=steps)
 
     @inline
     def setting(self, block: int, event: int) -> WholesOut:
@@ -344,9 +344,9 @@ class EventLoop:
 
 def loop_type() -> Bundle:
     """Return the type of an `EventLoop` parameter of a procedure."""
-    waiting = Bundle(Waiting, {"drive": TAKE_STEPS, "row_states": Array(room=WIDEST_VECTOR)})
+    pending = Bundle(PendingSteps, {"drive": TAKE_STEPS, "row_states": Array(room=WIDEST_VECTOR)})
     types: dict[str, Stated] = {"samples": samples_type("dimension", "times", "states", "steps")}
-    types |= {"watch": Bundle(ReviewedEvents, {}), "waiting": waiting, "values": FUNCTION, "resets": FUNCTION}
+    types |= {"watch": Bundle(ReviewedEvents, {}), "pending": pending, "values": FUNCTION, "resets": FUNCTION}
     return Bundle(EventLoop, types)
 
 
@@ -354,44 +354,43 @@ def loop_type() -> Bundle:
 def event_steps(loop: EventLoop) -> int:
     """Take steps and search them for events, until an irregular event or the end of the run.
 
-    Return an `Outcome`; or `LOOK` if the caller must search the steps at an irregular event; or `READ_EVENTS`
-    if an array is full. `Outcome.WATCHED` means that the caller must change the motion at the present state. A
-    further call continues from there. Steps that the caller has searched in the meantime are not searched
-    again.
+    Return an `Outcome`; or `NEEDS_REVIEW` if the caller must search the steps for an irregular event; or `READ_EVENTS`
+    if an array is full. `Outcome.WATCHED` means that the caller must change the motion at the present state. A further
+    call continues from there. Steps that the caller has searched in the meantime are not searched again.
     """
-    run, search, waiting = loop.waiting.event_run, loop.watch.review, loop.waiting
+    run, search, pending = loop.pending.event_run, loop.watch.review, loop.pending
     code = GO_ON
     while code == GO_ON:
         if run.begin > run.count:
             run.proven = search.written
-            code = waiting.take()
+            code = pending.take()
         if code == GO_ON and run.begin <= run.count:
             why = review_steps(loop)
             if why == ENDED:
-                code = waiting.accept()
+                code = pending.accept()
             elif why == CHANGED:
                 go_back(loop)
                 code = GO_ON if reset(loop) else Outcome.WATCHED
             else:
-                code = READ_EVENTS if why == CROWDED and search.written > 0 else LOOK
+                code = READ_EVENTS if why == CROWDED and search.written > 0 else NEEDS_REVIEW
     return code
 
 
 @inline
 def review_steps(loop: EventLoop) -> int:
-    """Search the waiting steps for events. Return why the search ended: a code of `search`.
+    """Search the pending steps for events. Return the code of `search` for the end of the search.
 
     It is `ENDED` if all steps were searched, `CHANGED` if the motion changes on a step, `CROWDED` if there is
     no space for events, else IRREGULAR. `event_run.begin` is the number of the first step to search. It becomes
     the number of the step at which the search ended.
     """
-    waiting, search = loop.waiting, loop.watch.review
-    run, shift = waiting.event_run, 1 - waiting.event_run.before
+    pending, search = loop.pending, loop.watch.review
+    run, shift = pending.event_run, 1 - pending.event_run.before
     steps = run.count + 1 - shift
     search.begin, search.end = run.begin - shift, steps
     search.starts = run.starts if run.begin == 1 else 0
-    search.last = steps - 1 if waiting.times[run.count + 1] == run.final else -1
-    search.rounded = float(waiting.kept_counts[ACCEPTED] + run.count - 1) * (1.0 / NOISE_HALVES)
+    search.last = steps - 1 if pending.times[run.count + 1] == run.final else -1
+    search.rounded = float(pending.kept_counts[ACCEPTED] + run.count - 1) * (1.0 / NOISE_HALVES)
     why = review(loop.path(shift, steps), loop.watch)
     run.begin = search.step + shift
     run.starts = 0 if run.begin > 1 else run.starts
@@ -405,25 +404,25 @@ def go_back(loop: EventLoop) -> None:
     The end of this step is written to the arrays of breaks. If the event is at an end of the step, the state is
     the accepted one. Otherwise it is interpolated.
     """
-    waiting, watch, times = loop.waiting, loop.watch, loop.waiting.times
+    pending, watch, times = loop.pending, loop.watch, loop.pending.times
     run, n, step, s, slot = (
-        waiting.event_run,
-        waiting.dimension,
-        waiting.event_run.begin,
+        pending.event_run,
+        pending.dimension,
+        pending.event_run.begin,
         watch.review.fraction,
         watch.review.written,
     )
     state, end = watch.there[slot * n :], times[step + 1]
     is_within, kept = s > 0.0 and s < 1.0, step - int(s == 0.0)
     loop.break_times[run.breaks] = end if is_within else math.nan
-    loop.break_states[run.breaks * n :][:n] = waiting.row(step + 1)[:n]
+    loop.break_states[run.breaks * n :][:n] = pending.row(step + 1)[:n]
     if unlikely(not is_within):
         at = step + 1 if s > 0.0 else step
         watch.when[slot] = times[at]
-        state[:n] = waiting.row(at)[:n]
-    waiting.go_back(kept, watch.when[slot], state, end - times[step])
-    waiting.lower_floors(kept)
-    loop.break_rows[run.breaks] = waiting.counts[ACCEPTED] + run.jumps
+        state[:n] = pending.row(at)[:n]
+    pending.go_back(kept, watch.when[slot], state, end - times[step])
+    pending.lower_floors(kept)
+    loop.break_rows[run.breaks] = pending.counts[ACCEPTED] + run.jumps
     run.due, run.way = watch.review.event + 1, watch.review.way
 
 
@@ -435,8 +434,8 @@ def reset(loop: EventLoop) -> bool:
     is irregular. `loop.scratch` has space for the new state, the event functions before and after the reset,
     and the results of all resets.
     """
-    waiting, n, events = loop.waiting, loop.waiting.dimension, loop.samples.events
-    run, event, t, y = waiting.event_run, waiting.event_run.due - 1, waiting.reals[T], waiting.y
+    pending, n, events = loop.pending, loop.pending.dimension, loop.samples.events
+    run, event, t, y = pending.event_run, pending.event_run.due - 1, pending.reals[T], pending.y
     after, before_values = loop.scratch, loop.scratch[n:]
     values, results = before_values[events:], before_values[2 * events :]
     size, until_end = loop.setting(RESET_SIZE, event)[0], loop.setting(UNTIL_END, event)[0]
@@ -476,8 +475,8 @@ def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float)
     the run along its derivative. `event` is its index, and `before` its value at the present state. The mass
     matrix is tested there and at the state `after` the reset.
     """
-    waiting, samples, n = loop.waiting, loop.path(0, 0), loop.waiting.dimension
-    run, y = waiting.event_run, waiting.y
+    pending, samples, n = loop.pending, loop.path(0, 0), loop.pending.dimension
+    run, y = pending.event_run, pending.y
     lines, line, half = samples.lines(), samples.block().y, quotient(n, 2) * WIDEST_VECTOR
     time, slopes, missed = lines.time, lines.state, lines.missed
     for b in range(WIDEST_VECTOR):
@@ -487,7 +486,7 @@ def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float)
             line[j * WIDEST_VECTOR + b] = new if b == 1 else old
     if samples.law(WIDEST_VECTOR, time, line, line[half:], samples.law_parameters, slopes) >= 0:
         return False
-    step, fixed_step = waiting.reals[H], waiting.reals[STEP]
+    step, fixed_step = pending.reals[H], pending.reals[STEP]
     h, factor_of_time = (fixed_step if run.fixed != 0 else step) * ALONG, samples.factors[n]
     for b in range(WIDEST_VECTOR):
         # Evaluate before and after the state along its slope, and at the state perturbed by rounding.
@@ -510,15 +509,15 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
     `event` is its index, and t its time. `before_values` and `values` are all event functions before and after
     the reset.
     """
-    waiting, watch, n = loop.waiting, loop.watch, loop.waiting.dimension
-    run, counts = waiting.event_run, waiting.counts
+    pending, watch, n = loop.pending, loop.watch, loop.pending.dimension
+    run, counts = pending.event_run, pending.counts
     watch.which[watch.review.written] = event
     watch.review.written += 1
     loop.setting(UNTIL_END, event)[0] -= 1
     row = counts[ROWS]
-    waiting.row_times[row] = t
-    waiting.row_states[row * n :][:n] = after[:n]
-    waiting.y[:n] = after[:n]
+    pending.row_times[row] = t
+    pending.row_states[row * n :][:n] = after[:n]
+    pending.y[:n] = after[:n]
     counts[ROWS] = row + 1
     run.interval = abs(t - run.changed)
     run.changed, run.changed_at = t, counts[ACCEPTED]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.algorithm.constants import MOST_SURVEYS, SMALL_FLOOR, Outcome
-from lagrange.algorithm.members.along import AlongRun
+from lagrange.algorithm.members.reductions import RunReductions
 from lagrange.algorithm.step.memory import FUNCTION, Counts, Run
 from lagrange.procedure.form import FLAG, READ, Array, Callee, Procedure
 from lagrange.procedure.front.decorators import Bundle, Stated, inline, procedure
@@ -216,8 +216,10 @@ class MemberMethod(ABC):
     watched_type: type | None = None
     functions: Mapping[str, Procedure]
 
-    def __init__(self, dimension: int, numbers: SystemNumbers, observed: Observed, along: AlongRun | None) -> None:
-        self.dimension, self.numbers, self.observed, self.along = dimension, numbers, observed, along
+    def __init__(
+        self, dimension: int, numbers: SystemNumbers, observed: Observed, reductions: RunReductions | None
+    ) -> None:
+        self.dimension, self.numbers, self.observed, self.reductions = dimension, numbers, observed, reductions
 
     @abstractmethod
     def memory(self, job: MemberJob, numbers: In) -> tuple[tuple[Out, ...], Any]:
@@ -282,9 +284,9 @@ def run_members(job: MemberJob, *, method: MemberMethod) -> None:
 @inline
 def memory_of_member(job: MemberJob, method: MemberMethod) -> Member:
     """Return memory for one member. The next member in the same lane uses it again."""
-    n, along = method.dimension, method.along
+    n, reductions = method.dimension, method.reductions
     numbers: Any = job.numbers if job.prepare is None else reals(method.numbers.size)
-    reduced = None if along is None else along.memory()
+    reduced = None if reductions is None else reductions.memory()
     vectors = reals(n), reals(method.observed.size)
     run, counts, floors = Run(), Counts(), reals(n)
     parts, method_memory = method.memory(job, numbers)
@@ -307,8 +309,8 @@ def begin_member(job: MemberJob, member: Member, index: int, method: MemberMetho
         member.floors[i] = job.floor
     move_to(member, job.starts[index * n :], method.dimension)
     observe(job, member, job.t0, job.first, index, method)
-    if method.along is not None:
-        method.along.begin(member.reduced, job.t0, member.state, member.numbers)
+    if method.reductions is not None:
+        method.reductions.begin(member.reduced, job.t0, member.state, member.numbers)
     method.begin(job, member)
 
 
@@ -392,8 +394,8 @@ def end_member(job: MemberJob, member: Member, index: int, outcome: int, method:
     job.steps[index] = counts.steps
     job.rejected[index] = counts.rejected
     job.evaluations[index] = counts.evaluations
-    if method.along is not None:
-        method.along.write(member.reduced, run.t - job.t0, job.reduced[index * method.along.reductions :])
+    if method.reductions is not None:
+        method.reductions.write(member.reduced, run.t - job.t0, job.reduced[index * method.reductions.count :])
 
 
 @inline

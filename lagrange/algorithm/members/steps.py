@@ -25,16 +25,6 @@ from lagrange.algorithm.events.search import (
     ReviewedEvents,
     step_zeros,
 )
-from lagrange.algorithm.members.along import (
-    AlongRun,
-    MemberDenseOutput,
-    MemberStepPath,
-    PathMemory,
-    Sampled,
-    SampledStep,
-    polynomial_path,
-    states_on_step,
-)
 from lagrange.algorithm.members.queue import (
     ENDED_BY_EVENT,
     FirstOccurrences,
@@ -46,6 +36,16 @@ from lagrange.algorithm.members.queue import (
     SystemNumbers,
     copy_state,
     move_to,
+)
+from lagrange.algorithm.members.reductions import (
+    MemberDenseOutput,
+    MemberStepPath,
+    PathMemory,
+    RunReductions,
+    Sampled,
+    SampledStep,
+    polynomial_path,
+    states_on_step,
 )
 from lagrange.algorithm.step.error_control import steps_of
 from lagrange.algorithm.step.memory import Effort, Layout, Running
@@ -285,7 +285,7 @@ class StepEventSearch:
             watch.zero_sizes[e] = 0.0
 
     @inline
-    def look(
+    def search(
         self, memory: ReviewMemory, job: Any, member: Any, index: int, step: BlockSteps, end: float
     ) -> tuple[int, float, float]:
         """Search a step for events up to the time `end`. Return an outcome, and the end of the step.
@@ -364,11 +364,11 @@ class StepMembers(MemberMethod):
         sampled: Sampled | None = None,
         events: StepEvents | None = None,
     ) -> None:
-        along = None
+        reductions = None
         if sampled is not None:
             some = polynomial_path.form(entries=sampled.entries, dimension=dimension)
-            along = AlongRun(sampled, bound(some, {}, prefix="expressions_"), dimension)
-        super().__init__(dimension, numbers, observed, along)
+            reductions = RunReductions(sampled, bound(some, {}, prefix="expressions_"), dimension)
+        super().__init__(dimension, numbers, observed, reductions)
         self.program, self.functions = step, {"law": law}
         self.layout = Layout(step, dimension, block=1)
         self.steps = steps_of(self.layout)
@@ -467,20 +467,20 @@ class StepMembers(MemberMethod):
         copy_state(member, step.new, self.dimension)
         outcome, part, last = int(Outcome.PAUSED), 1.0, end
         if self.search is not None:
-            outcome, last, part = self.search.look(method_memory.search, job, member, index, step, end)
+            outcome, last, part = self.search.search(method_memory.search, job, member, index, step, end)
             if unlikely(outcome == ENDED_BY_EVENT):
                 run.t = last
                 member.counts.steps -= int(part <= 0.0)
                 move_to(member, method_memory.search.there, self.dimension)
-        if self.along is not None:
+        if self.reductions is not None:
             path.find(memory, job.table, member.numbers)
             if self.search is not None:
                 copy_state(member, step.new, self.dimension)
             sampled = SampledStep(t, last, last - t, part, memory.c, step.new, path.kind.degree)
-            self.along.follow(member.reduced, sampled, member.numbers, job.points)
-            self.along.accept(member.reduced)
+            self.reductions.follow(member.reduced, sampled, member.numbers, job.points)
+            self.reductions.accept(member.reduced)
         if unlikely(is_due):
-            if self.along is None:
+            if self.reductions is None:
                 path.find(memory, job.table, member.numbers)
             states, degree = job.outputs[index * (job.output_count * self.dimension) :], path.kind.degree
             arrays = job.output_times, memory.c, states, self.dimension, degree, method_memory.outputs.done

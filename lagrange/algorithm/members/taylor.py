@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.algorithm.constants import WIDEST_VECTOR, Outcome
-from lagrange.algorithm.members.along import AlongRun, Sampled, SampledStep, series_path
 from lagrange.algorithm.members.queue import (
     ENDED_BY_EVENT,
     FirstOccurrences,
@@ -18,10 +17,19 @@ from lagrange.algorithm.members.queue import (
     OccurrenceArrays,
     SystemNumbers,
 )
+from lagrange.algorithm.members.reductions import RunReductions, Sampled, SampledStep, series_path
 from lagrange.algorithm.taylor.loop import begin_run, iteration
 from lagrange.algorithm.taylor.memory import JET, Held, OutputCounts, Sizes, TaylorLayout, TaylorState
 from lagrange.algorithm.taylor.step_size import logarithm
-from lagrange.algorithm.taylor.watching import MOST_ZEROS, PARTS, SIDES, Arguments, Watch, Watched, scratch_sizes
+from lagrange.algorithm.taylor.watched_functions import (
+    MOST_ZEROS,
+    PARTS,
+    SIDES,
+    Arguments,
+    Watch,
+    Watched,
+    scratch_sizes,
+)
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.front.decorators import inline
 from lagrange.procedure.front.vocabulary import In, Out, WholesIn, WholesOut, clear, each, reals, unlikely, wholes
@@ -176,11 +184,11 @@ class TaylorMembers(MemberMethod):
         sampled: Sampled | None = None,
         events: TaylorEvents | None = None,
     ) -> None:
-        along = None
+        reductions = None
         if sampled is not None:
             path = series_path.form(layout=layout, entries=sampled.entries)
-            along = AlongRun(sampled, path, layout.dimension)
-        super().__init__(layout.dimension, numbers, observed, along)
+            reductions = RunReductions(sampled, path, layout.dimension)
+        super().__init__(layout.dimension, numbers, observed, reductions)
         self.layout, self.order = layout, order
         self.functions = {"law": jet} if events is None else {"law": jet, "values": events.values}
         self.search = None if events is None else EventSearch(events, layout)
@@ -230,14 +238,14 @@ class TaylorMembers(MemberMethod):
         loop_arguments = Arguments(job.law, *arguments)
         before = counts.steps
         outcome: int = iteration(loop_arguments, last, -logarithm(job.rtol), layout=self.layout)
-        if self.along is not None:
+        if self.reductions is not None:
             # Sample the last step while its series is in memory; commit the one before if it is proven.
             if counts.steps > before:
-                self.along.accept(member.reduced)
+                self.reductions.accept(member.reduced)
             if method_memory.held.unproven != 0:
                 held, work = method_memory.held, method_memory.work
                 step = SampledStep(held.t, run.t, held.h, held.h / held.scale, work, work, self.order)
-                self.along.follow(member.reduced, step, member.numbers, job.points)
+                self.reductions.follow(member.reduced, step, member.numbers, job.points)
         if self.search is None:
             return outcome
         return self.ended_by_event(self.search, job, member, index, outcome, last)

@@ -35,7 +35,7 @@ from lagrange.algorithm.taylor.memory import (
     TaylorLayout,
     TaylorState,
 )
-from lagrange.algorithm.taylor.watching import Arguments
+from lagrange.algorithm.taylor.watched_functions import Arguments
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.procedure.form import Array, Procedure
 from lagrange.procedure.front.decorators import Bundle, inline, procedure

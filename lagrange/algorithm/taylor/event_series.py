@@ -18,7 +18,7 @@ from lagrange.algorithm.events.polynomial import PADDED, approach, inverse_cubic
 from lagrange.algorithm.events.roots import sign_of
 from lagrange.algorithm.step.memory import FUNCTION
 from lagrange.algorithm.taylor.memory import EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE, TaylorLayout, work_type
-from lagrange.algorithm.taylor.watching import COLUMN, TERM_SUMS, Opened, Watched, watched_type
+from lagrange.algorithm.taylor.watched_functions import COLUMN, TERM_SUMS, Watched, WatchedView, watched_type
 from lagrange.procedure.form import PARTIAL, Array
 from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import (
@@ -86,7 +86,7 @@ def event_noise(
 
 
 @inline
-def write_noise(view: Opened, numbers: In, t: float, state: In) -> None:
+def write_noise(view: WatchedView, numbers: In, t: float, state: In) -> None:
     """Write how much rounding of the time and the `state` may change each watched function to scratch memory.
 
     The scratch memory must contain the values of the functions at the `state`. `numbers` are the parameters and
@@ -389,7 +389,7 @@ def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> 
 
 
 @inline
-def column_of(view: Opened, i: int) -> tuple[bool, In]:
+def column_of(view: WatchedView, i: int) -> tuple[bool, In]:
     """Return two results for watched function i: True if its coefficients are finite, and the coefficients.
 
     They are copied to adjacent memory if that was not done before.
@@ -400,7 +400,7 @@ def column_of(view: Opened, i: int) -> tuple[bool, In]:
 
 
 @inline
-def terms_of(view: Opened, i: int) -> tuple[Out, Out, Out]:
+def terms_of(view: WatchedView, i: int) -> tuple[Out, Out, Out]:
     """Return three arrays in scratch memory for watched function i: its terms, slopes and sums on a step.
 
     These are the arrays that `event_terms` writes.
@@ -472,7 +472,7 @@ def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layou
     `length` is the length of the last step in units of the time scale, and `rtol` the relative tolerance.
     Functions that may jump are excluded: their sign may change without a zero.
     """
-    view, is_doubted = Opened(watched, layout), False
+    view, is_doubted = WatchedView(watched, layout), False
     for i in range(layout.watched):
         is_other = changes_side(view, i, length)
         is_doubted = is_doubted or is_other
@@ -492,7 +492,7 @@ def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layou
 
 
 @inline
-def changes_side(view: Opened, i: int, length: float) -> bool:
+def changes_side(view: WatchedView, i: int, length: float) -> bool:
     """Return True if watched function i has another sign than the search for zeros found for it.
 
     Values that the slope explains over a small part of the last step do not count. `length` is the length of

@@ -29,7 +29,7 @@ from lagrange.algorithm.taylor.event_series import (
 from lagrange.algorithm.taylor.memory import EVENT_SLACK, RecordedLayout, TaylorState, row
 from lagrange.algorithm.taylor.step_size import verified_step
 from lagrange.algorithm.taylor.sums import state_on_step
-from lagrange.algorithm.taylor.watching import MOST_ZEROS, Opened, Watch, Watched, opened, watched_type
+from lagrange.algorithm.taylor.watched_functions import MOST_ZEROS, Watch, Watched, WatchedView, view_of, watched_type
 from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, WholesOut, fma, larger, likely, magnitude, smaller, unlikely
 
@@ -57,7 +57,7 @@ class Zeros:
 
 
 @inline
-def zeros_of(view: Opened, number: int) -> Zeros:
+def zeros_of(view: WatchedView, number: int) -> Zeros:
     """Return one of the two lists of zeros in the scratch memory; `number` is 0 or 1."""
     count, ends = view.layout.watched, view.ends
     size = count * MOST_ZEROS
@@ -77,7 +77,7 @@ def zeros_on_step(
     after it if that is later. There, simultaneous zeros are clearly passed. `stored_length` is the length for
     which `event_terms` has stored terms. `last` is true if the run ends at the end of the step.
     """
-    view, count, far = opened(watched), 0, s
+    view, count, far = view_of(watched), 0, s
     for i in range(view.layout.watched):
         zeros.signs[i], zeros.near_flags[i] = view.start_signs[i], view.start_near_flags[i]
         if doubtful[i] != 0.0:
@@ -109,7 +109,7 @@ def find_zeros(
     close. `step` is the length of the whole step, and `stored_length` the length for which terms are stored.
     `last` is true if the run ends at the end of the step.
     """
-    view, order = opened(watched), watched.order
+    view, order = view_of(watched), watched.order
     sign, is_near = view.start_signs[i], view.start_near_flags[i] != 0
     begins, noise = view.starting[i] != 0, view.noise[i]
     terms, slopes, sums = terms_of(view, i)
@@ -197,7 +197,7 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
     searched. If the step is taken, its events and the signs at its end are written. Otherwise the step and the
     events are unchanged.
     """
-    view, watch, s = opened(watched), watched.watch, step.s
+    view, watch, s = view_of(watched), watched.watch, step.s
     for i in range(view.layout.watched):
         view.values[i], view.coefficient_counts[i] = view.rows[i], 0
     write_noise(view, view.numbers, step.t, watched.work)
@@ -225,7 +225,7 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
 
 
 @inline
-def verified_length(step: InspectedStep, length: float, view: Opened) -> float:
+def verified_length(step: InspectedStep, length: float, view: WatchedView) -> float:
     """Return a length, at most `length`, at the end of which the watched functions agree with their series.
 
     `step` is the step that is shortened to this length, in units of the time scale.
@@ -251,7 +251,7 @@ def end_at_change(
     start, no step is taken.
     """
     watch, count, s = watched.watch, number, step.s
-    shorter, at, again = zeros_of(opened(watched), 1), zeros.times[change], True
+    shorter, at, again = zeros_of(view_of(watched), 1), zeros.times[change], True
     due = add_due(zeros, count, at, simultaneous(step, at), 0, watched, proven=False)
     while again and at > 0.0:
         count = zeros_on_step(at, s, shorter, doubtful, watched, last=False, until=False)
@@ -282,7 +282,7 @@ def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched
     the zeros are not `proven`, a function whose zero is not exactly at the end must vanish there within its
     noise.
     """
-    view, number = opened(watched), due
+    view, number = view_of(watched), due
     for j in range(count):
         index = zeros.places[j]
         if abs(zeros.times[j] - at) <= close and not is_due(index, number, view):
@@ -297,7 +297,7 @@ def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched
 
 
 @inline
-def is_due(index: int, due: int, view: Opened) -> Any:
+def is_due(index: int, due: int, view: WatchedView) -> Any:
     """Return True if function number `index` is among the first `due` entries of the list of due functions.
 
     Due functions are zero at the end of the step, and change the motion there.
@@ -328,7 +328,7 @@ def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched
     The result is -1 if a series is not finite. Only functions with a nonzero entry in `doubtful` count.
     `is_polynomial` is true if the series of the state terminate.
     """
-    view, order, s, watch = opened(watched), watched.order, step.s, watched.watch
+    view, order, s, watch = view_of(watched), watched.order, step.s, watched.watch
     count, length = order + 1, s
     tolerance, hides_growth = larger(step.rtol, 2.0**-52) * EVENT_SLACK, watch.hides_growth != 0
     for i in range(view.layout.watched):
@@ -379,7 +379,7 @@ def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
     They are the signs known so far. A function that jumped over zero since the last step has the opposite sign;
     only functions with a nonzero entry in `doubtful` are tested for it. Return False if a series is not finite.
     """
-    view = opened(watched)
+    view = view_of(watched)
     for i in range(view.layout.watched):
         sign = view.signs[i]
         view.start_signs[i], view.start_near_flags[i] = sign, view.near_flags[i]
@@ -398,7 +398,7 @@ def change_on_step(zeros: Zeros, count: int, watched: Watched) -> int:
 
     Changes of the motion are resets, crossed surfaces and the end of the run.
     """
-    view = opened(watched)
+    view = view_of(watched)
     if watched.watch.changing == 0:
         return -1
     for i in range(view.layout.watched):
@@ -435,7 +435,7 @@ def accept_zeros(
     `count` is the number of `zeros`. The signs before the step are saved. `again` forces an inspection of the next
     step. The result is `GO_ON`, or `LEAVE` or `WAIT` if the arrays have no space.
     """
-    view, watch = opened(watched), watched.watch
+    view, watch = view_of(watched), watched.watch
     if watch.done + count > watch.room:
         return LEAVE if watch.done == 0 else WAIT
     save_sides(view)
@@ -446,7 +446,7 @@ def accept_zeros(
 
 
 @inline
-def save_sides(view: Opened) -> None:
+def save_sides(view: WatchedView) -> None:
     """Save the signs at the start of a step and the numbers of events, in case the step is not taken."""
     for i in range(view.layout.watched):
         view.kept_signs[i], view.kept_near_flags[i] = view.start_signs[i], view.start_near_flags[i]
@@ -454,7 +454,7 @@ def save_sides(view: Opened) -> None:
 
 
 @inline
-def take_sides(zeros: Zeros, view: Opened) -> bool:
+def take_sides(zeros: Zeros, view: WatchedView) -> bool:
     """Take the signs of watched functions at the end of a step. Return True if a function is zero or near zero."""
     is_near_zero = False
     for i in range(view.layout.watched):
@@ -465,7 +465,7 @@ def take_sides(zeros: Zeros, view: Opened) -> bool:
 
 
 @inline
-def write_events(zeros: Zeros, count: int, end: StepEnd, step: InspectedStep, view: Opened) -> int:
+def write_events(zeros: Zeros, count: int, end: StepEnd, step: InspectedStep, view: WatchedView) -> int:
     """Write the events among the zeros before the end of a step. Return the number of events that are written."""
     slot: int = view.watch.done
     for j in range(count):

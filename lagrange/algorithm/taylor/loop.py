@@ -32,10 +32,10 @@ from lagrange.algorithm.taylor.step_size import (
     weigh,
 )
 from lagrange.algorithm.taylor.sums import advance, outstanding, write_outputs
-from lagrange.algorithm.taylor.watching import (
+from lagrange.algorithm.taylor.watched_functions import (
     Arguments,
-    Opened,
     Watched,
+    WatchedView,
     arguments,
     numbers_of,
     restore_sides,
@@ -223,7 +223,7 @@ def change_motion(arguments: Arguments, t: float, watched: Watched, layout: Tayl
             arguments.taylor,
             False,
         )
-        view = Opened(watched, layout)
+        view = WatchedView(watched, layout)
         if view.is_event(view.due[0]):
             prepared, constants = numbers_of(arguments, layout)
             is_done = reset_state(

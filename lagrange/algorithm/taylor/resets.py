@@ -14,7 +14,7 @@ from lagrange.algorithm.events.constants import CLOSEST, MOST_COEFFICIENTS
 from lagrange.algorithm.step.memory import Counts
 from lagrange.algorithm.taylor.event_series import comparable_unit, copy_series, start_of_series, write_noise
 from lagrange.algorithm.taylor.memory import EVENT_SLACK, JET, TaylorState, work_type
-from lagrange.algorithm.taylor.watching import Opened, Watch, Watched, opened, watched_type
+from lagrange.algorithm.taylor.watched_functions import Watch, Watched, WatchedView, view_of, watched_type
 from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, larger, quotient, reals
 
@@ -34,7 +34,7 @@ def sides_at_start(
     is not finite; that function does not leave zero at once; or another one starts at zero. At the start of a
     run `index` is -1, and an event without reset may start at zero.
     """
-    view, c = opened(watched), reals(MOST_COEFFICIENTS + 1)
+    view, c = view_of(watched), reals(MOST_COEFFICIENTS + 1)
     layout, count = view.layout, watched.order + 1
     first = start_state[layout.rows + layout.watched_at :]
     for i in range(layout.watched):
@@ -62,7 +62,7 @@ def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
 
     `scale` is the unit of time of the series, and `rtol` the relative tolerance.
     """
-    view = opened(watched)
+    view = view_of(watched)
     is_done = sides_at_start(t, scale, rtol, 0.0, -1, view.numbers, watched.work, watched)
     if is_done:
         put_sides(view)
@@ -71,7 +71,7 @@ def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
 
 
 @inline
-def put_sides(view: Opened) -> None:
+def put_sides(view: WatchedView) -> None:
     """Copy the signs just after the start of a motion from scratch memory: they become the known signs."""
     for i in range(view.layout.watched):
         view.signs[i], view.near_flags[i] = view.begun_signs[i], 0
@@ -104,7 +104,7 @@ def reset_state(
 
     If the reset is not simple, for example at the end of the run, return False: the caller has to do it.
     """
-    view, watch, work = opened(watched), watched.watch, watched.work
+    view, watch, work = view_of(watched), watched.watch, watched.work
     layout = view.layout
     if just_changed(t, watch):
         return False
@@ -159,7 +159,7 @@ def sides_after_reset(t: float, scale: float, rtol: float, index: int, new_state
     zero, and no surface may change its sign. An event function that the reset does not change keeps its sign;
     it is undecided if the function came near zero before, because it may have touched zero.
     """
-    view, watch = opened(watched), watched.watch
+    view, watch = view_of(watched), watched.watch
     new, old = new_state[view.layout.rows + view.layout.watched_at :], view.rows
     margin = abs(old[index]) * AT_REST
     if not sides_at_start(t, scale, rtol, margin, index, view.numbers, new_state, watched):
@@ -194,7 +194,7 @@ def cross_surface(
     for all combinations of sides. No other surface may be touched. Return True if the surface was crossed.
     Otherwise the state and the sides are unchanged.
     """
-    view, watch, work = opened(watched), watched.watch, watched.work
+    view, watch, work = view_of(watched), watched.watch, watched.work
     layout = view.layout
     if just_changed(t, watch):
         return False

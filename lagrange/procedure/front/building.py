@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import GeneratorType, MethodType
 from typing import Any
 
-from lagrange.procedure.builder import GivenFunction
+from lagrange.procedure.builder import FunctionParameter
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Get, Kind, Let, Procedure, Read, Set, Statement, When
 from lagrange.procedure.front.control import (
     ZERO,
@@ -330,7 +330,7 @@ class Tracer(Names):
             return function.function(*args, **options)
         if function is generated:
             return self.call_procedure(args[0], [leaf for arg in args[1:] for leaf in leaves(arg)])
-        if isinstance(function, GivenFunction):
+        if isinstance(function, FunctionParameter):
             self._outside_each(function)
             return function(*[leaf for arg in args for leaf in leaves(arg)])
         if isinstance(function, MethodType) and hasattr(function.__func__, "traced"):
@@ -356,13 +356,13 @@ class Tracer(Names):
         if len(args) != len(callee.parameters):
             raise Error(f"{callee.name} takes {len(callee.parameters)} arguments; {len(args)} are given.")
         pairs = zip(args, callee.parameters, strict=True)
-        handed = [
+        passed = [
             self.number(arg, parameter.type, f"{parameter.name} of {callee.name}")
             if isinstance(parameter.type, Kind)
             else arg
             for arg, parameter in pairs
         ]
-        return self.p.call(callee, *handed)
+        return self.p.call(callee, *passed)
 
     def _outside_each(self, callee: Any) -> None:
         if self.iterations is not None:

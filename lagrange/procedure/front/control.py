@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from lagrange.errors import LagrangeError
-from lagrange.procedure.builder import Builder, GivenFunction
+from lagrange.procedure.builder import Builder, FunctionParameter
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind, Set, Statement, When
 from lagrange.procedure.front.vocabulary import REDUCTIONS
 from lagrange.procedure.values import Flag, Memory, Real, RecordFields, Value, Variable, Whole
@@ -49,7 +49,7 @@ def is_dynamic(value: Any) -> bool:
     """Return True if a value, or a part of it, is known at run time only."""
     if isinstance(value, (tuple, list)):
         return any(map(is_dynamic, value))
-    return isinstance(value, (Value, Memory, RecordFields, GivenFunction))
+    return isinstance(value, (Value, Memory, RecordFields, FunctionParameter))
 
 
 def kind_of(value: Any) -> Kind | None:
@@ -100,8 +100,8 @@ class Names:
     def __init__(self, p: Builder, results: Sequence[Kind]) -> None:
         self.p, self.results, self.note = p, results, p.note
         self.iterations: Any = None
-        self.handed: list[Variable] = []
-        """Variables of the open branches and loops. After one has ended, setting a name creates a new value."""
+        self.open_variables: list[Variable] = []
+        """Variables of the open branches and loops. After a block has ended, setting a name creates a new value."""
 
         self.parameters = {parameter.ref for parameter in p.parameters}
 
@@ -123,10 +123,10 @@ class Names:
         `before` is the object to which it referred. If that is a variable of an enclosing branch or loop, the
         variable is set and returned. Otherwise the result is `value`.
         """
-        if isinstance(before, Variable) and before in self.handed:
+        if isinstance(before, Variable) and before in self.open_variables:
             before.value = self.number(value, before.kind, f"`{name}`")
             return before
-        if is_varied(before) and before[0] in self.handed:
+        if is_varied(before) and before[0] in self.open_variables:
             for variable, entry in zip(before, self.unpacked(value, len(before)), strict=True):
                 variable.value = self.number(entry, variable.kind, f"`{name}`")
             return before
@@ -243,7 +243,7 @@ class Block:
         self.tracer = tracer
         self.names: Sequence[str] = ()
         self.before: Sequence[Any] = ()
-        self.outer: list[Variable] = tracer.handed
+        self.outer: list[Variable] = tracer.open_variables
         self.lost: set[int] = set()
         self.has_ended = False
 
@@ -255,7 +255,7 @@ class Block:
         variable of an enclosing block.
         """
         self.names = names
-        self.outer = self.tracer.handed
+        self.outer = self.tracer.open_variables
         pairs = zip(names, values, strict=True)
         # A name that is set first, and is not a variable of an enclosing block, needs no value.
         known = [
@@ -264,7 +264,7 @@ class Block:
         ]
         self.before = [self.tracer.varied(name, value) for name, value in zip(names, known, strict=True)]
         inner = [part for value in self.before for part in (value if isinstance(value, tuple) else (value,))]
-        self.tracer.handed = [*self.outer, *(part for part in inner if isinstance(part, Variable))]
+        self.tracer.open_variables = [*self.outer, *(part for part in inner if isinstance(part, Variable))]
         return self.before
 
     def ended(self) -> None:
@@ -283,7 +283,7 @@ class Block:
 
         The names are those that were passed to `open`.
         """
-        self.tracer.handed = self.outer
+        self.tracer.open_variables = self.outer
         pairs = zip(self.names, self.before, strict=True)
         return [Missing(name, self.where) if i in self.lost else old for i, (name, old) in enumerate(pairs)]
 

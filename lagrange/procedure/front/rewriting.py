@@ -147,7 +147,7 @@ class Rewriter:
     def statement(self, s: ast.stmt) -> list[ast.stmt]:
         """Return the rewritten form of one statement, as a list."""
         match s:
-            case Handed(value=value):
+            case FinalReturn(value=value):
                 return [ast.Return(self.expression(value) if value is not None else None)]
             case ast.Expr(value=ast.Constant()) | ast.Pass():
                 return []
@@ -251,7 +251,7 @@ class Rewriter:
             self.block(s.body, s.lineno) or [ast.Pass()],
             self.block(s.orelse, s.body[-1].end_lineno or s.lineno),
         )
-        made = self.through(s, ways, named(ways), branch, self.handed(s), [chosen])
+        made = self.block_run(s, ways, named(ways), branch, self.carried_by(s), [chosen])
         first = put(ways, told("branches", self.expression(s.test)))
         across = sorted(self.carried[s].across)
         if not across:
@@ -285,18 +285,18 @@ class Rewriter:
         index = self.fresh()
         first = [] if target is None else self.to_target(target, named(index))
         made = [*first, *self.block(body, s.lineno)] or [ast.Pass()]
-        return self.through(s, loop, source, index, self.handed(s), made)
+        return self.block_run(s, loop, source, index, self.carried_by(s), made)
 
-    def handed(self, s: ast.stmt) -> list[str]:
+    def carried_by(self, s: ast.stmt) -> list[str]:
         """Return the names that are carried out of a branch or loop, in the order in which it sets them."""
         return [name for name in stored([s]) if name in self.carried[s].on]
 
-    def through(
-        self, s: ast.stmt, held: str, source: ast.expr, target: str, names: Sequence[str], body: list[ast.stmt]
+    def block_run(
+        self, s: ast.stmt, block: str, source: ast.expr, target: str, names: Sequence[str], body: list[ast.stmt]
     ) -> list[ast.stmt]:
         """Return the rewritten branch or loop `s`: statements that open a block, run its body, and close it.
 
-        The block object has the name `held`. It gets the values of `names` before the block and at the end of each
+        The block object has the name `block`. It gets the values of `names` before the block and at the end of each
         `body`, and returns those after the block. `body` is inside a loop over `source` with the variable `target`.
         """
         texts = ast.Tuple([ast.Constant(name) for name in names], LOAD)
@@ -310,12 +310,12 @@ class Rewriter:
 
         if mentions(s).returns:
             caught = ast.Attribute(named(RECEIVER), "Ended", LOAD)
-            handler = ast.ExceptHandler(caught, None, [ast.Expr(told("ended", of=held))])
+            handler = ast.ExceptHandler(caught, None, [ast.Expr(told("ended", of=block))])
             body = [ast.Try(body, [handler], [], [])]
         return [
-            given(told("open", texts, anew, *values, of=held)),
-            ast.For(ast.Name(target, STORE), source, [*body, given(told("close", *values, of=held))], []),
-            given(told("after", of=held)),
+            given(told("open", texts, anew, *values, of=block)),
+            ast.For(ast.Name(target, STORE), source, [*body, given(told("close", *values, of=block))], []),
+            given(told("after", of=block)),
         ]
 
     def iterations(self, loop: str, s: ast.For) -> list[ast.stmt]:
@@ -336,8 +336,8 @@ class Rewriter:
                 operands = [self.expression(arg) for arg in args]
                 body.append(ast.Expr(told("fold", slots[folded], operation, *operands, of=loop)))
             before = statement.end_lineno or statement.lineno
-        names = [name for name in self.handed(s) if name not in reductions]
-        made = self.through(s, loop, named(loop), index, names, body)
+        names = [name for name in self.carried_by(s) if name not in reductions]
+        made = self.block_run(s, loop, named(loop), index, names, body)
         for name, slot in slots.items():
             made.append(self.to_name(name, told("folded", slot, self.name(name), of=loop)))
         return made
@@ -549,13 +549,13 @@ def single_exit(tree: ast.FunctionDef) -> list[ast.stmt]:
     return [*body, ast.fix_missing_locations(end)]
 
 
-class Handed(ast.Return):
+class FinalReturn(ast.Return):
     """The final return of an inlined function, which remains a `return` in the rewritten function."""
 
 
 def _native(statement: ast.stmt) -> ast.stmt:
     assert isinstance(statement, ast.Return)
-    return ast.copy_location(Handed(statement.value), statement)
+    return ast.copy_location(FinalReturn(statement.value), statement)
 
 
 def _nested(body: Sequence[ast.stmt], names: Sequence[str]) -> list[ast.stmt]:

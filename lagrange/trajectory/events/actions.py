@@ -19,7 +19,7 @@ from lagrange.statement.declare import state_rows
 from lagrange.statement.event import Event
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of
-from lagrange.trajectory.events.end_messages import EventResult, nowhere, off_constraints
+from lagrange.trajectory.events.end_messages import EventResult, not_finite_after_reset, off_constraints
 from lagrange.trajectory.trajectory import FloatArray
 
 JUMPING = frozenset(("sign", "atan2", "piecewise"))
@@ -107,7 +107,7 @@ def reset_state(
     """
     after = _reset(resets, t, before, parameters)
     if not np.isfinite(after).all():
-        return after, nowhere(names()[next(iter(resets.values()))])
+        return after, not_finite_after_reset(names()[next(iter(resets.values()))])
     first = next(iter(resets))
     if first.model is None or not first.constrained:
         return after, EventResult()
@@ -127,7 +127,7 @@ def reset_state(
         solved = projection.solved_for(left, judged)
         judged = judged if solved is None else solved
     if not np.isfinite(judged).all():
-        return after, nowhere(names()[next(iter(resets.values()))])
+        return after, not_finite_after_reset(names()[next(iter(resets.values()))])
     off = projection.violated(judged, before)
     if off is not None:
         return after, off_constraints(listing(names()[which] for which in resets.values()), off)

@@ -128,10 +128,14 @@ class WatchedEvents:
         Events on steps that are not yet searched completely begin to count when these steps are accepted.
         """
         memory = self.memory
-        waits, proven, happened = memory.waits, memory.run.proven, memory.happened()
+        waits, proven, new_events = memory.waits, memory.run.proven, memory.new_events()
         if waits:
-            log.keep(happened.which[:proven], happened.when[:proven], happened.event_states[:proven], memory.taken)
-            log.keep(happened.which[proven:], happened.when[proven:], happened.event_states[proven:], memory.reviewed)
+            log.keep(
+                new_events.which[:proven], new_events.when[:proven], new_events.event_states[:proven], memory.taken
+            )
+            log.keep(
+                new_events.which[proven:], new_events.when[proven:], new_events.event_states[proven:], memory.reviewed
+            )
         else:
-            log.keep(happened.which, happened.when, happened.event_states, log.steps)
-        breaks.extend(happened.rows, happened.times, happened.states)
+            log.keep(new_events.which, new_events.when, new_events.event_states, log.steps)
+        breaks.extend(new_events.rows, new_events.times, new_events.states)

@@ -69,7 +69,7 @@ def sliding(name: str, t: float) -> EventResult:
     )
 
 
-def nowhere(name: str) -> EventResult:
+def not_finite_after_reset(name: str) -> EventResult:
     """Return the end of a run whose reset gives a state that is nan or infinite. `name` is the text of its events."""
     return EventResult(
         Status.NON_FINITE,
@@ -103,7 +103,7 @@ def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
     )
 
 
-def rootless(name: str) -> EventResult:
+def zero_root(name: str) -> EventResult:
     """Return the end of a run where the root or power `name` in the equations of motion becomes zero."""
     return EventResult(
         Status.NON_FINITE,

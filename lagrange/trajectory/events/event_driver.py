@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.events.constants import FIRST_LOOK, LONGEST_LOOK
-from lagrange.algorithm.events.loop import GO_ON, LOOK, MOST_WAITING, READ_EVENTS, Waiting
+from lagrange.algorithm.events.constants import FIRST_REVIEW, MOST_BETWEEN_REVIEWS
+from lagrange.algorithm.events.loop import GO_ON, MOST_WAITING, NEEDS_REVIEW, READ_EVENTS, PendingSteps
 from lagrange.machine.backend import Driver
 from lagrange.machine.state import DriverState, EventSteps, Outcome
 from lagrange.trajectory.events.step_watch import Cut, StepWatch
@@ -27,7 +27,7 @@ class EventDriver:
     def __init__(self, driver: Driver, watch: StepWatch) -> None:
         self._driver, self._watch = driver, watch
         self._memory, self._run = watch.shared, watch.shared.run
-        self._run.ahead = FIRST_LOOK if watch.resets else LONGEST_LOOK
+        self._run.ahead = FIRST_REVIEW if watch.resets else MOST_BETWEEN_REVIEWS
         self._run.fixed = int(watch.fixed)
         self._compiled: EventSteps | None = None
         self._next_left, self._left_to_arrays, self._reviewed = 1, 0, 0
@@ -47,7 +47,7 @@ class EventDriver:
         try:
             while True:
                 few = self._watch.ends or self._compiled is None
-                run.longest = LONGEST_LOOK if few else MOST_WAITING
+                run.longest = MOST_BETWEEN_REVIEWS if few else MOST_WAITING
                 compiled = self._compiled is not None and not self._left_to_arrays and self._watch.regular
                 outcome = (self._in_loop if compiled else self._on_arrays)(state, times, rows)
                 if outcome is not None:
@@ -70,10 +70,10 @@ class EventDriver:
             self._watch.write()
         code = self._compiled(state, self._memory, times, rows)
         self._watch.read()
-        self._stale = code in (LOOK, Outcome.WATCHED)
+        self._stale = code in (NEEDS_REVIEW, Outcome.WATCHED)
         if code == READ_EVENTS:
             return None
-        if code != LOOK:
+        if code != NEEDS_REVIEW:
             return Outcome(code)
         if self._memory.reviewed > self._reviewed:
             self._next_left = 1
@@ -82,7 +82,7 @@ class EventDriver:
 
     def _leave_to_arrays(self) -> None:
         """Choose the number of next steps to search on arrays, not by machine code: 1, then twice the last number."""
-        self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, LONGEST_LOOK)
+        self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, MOST_BETWEEN_REVIEWS)
 
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
         """Take steps if all earlier ones are searched, and search some steps for events on NumPy arrays.
@@ -90,11 +90,11 @@ class EventDriver:
         Return an outcome, or None to continue. Accepted times and states are written to `times` (k,) and `rows` (k,
         2n).
         """
-        memory, run, waiting = self._memory, self._run, self._waiting(state, times, rows)
+        memory, run, pending = self._memory, self._run, self._pending_steps(state, times, rows)
         if not memory.waits:
             if run.starts and self._is_compiled(state.t, state.count(S.STEPS)):
                 return None
-            code = waiting.take()
+            code = pending.take()
             if code != GO_ON:
                 return Outcome(code)
             if self._first and self._is_compiled(memory.times[run.count + 1], memory.taken + run.count):
@@ -104,7 +104,7 @@ class EventDriver:
         count = run.count - run.begin + 1
         count = min(count, self._left_to_arrays) if self._compiled is not None else count
         self._left_to_arrays = max(0, self._left_to_arrays - count)
-        return self._look(state, run.begin + count - 1, waiting)
+        return self._review(state, run.begin + count - 1, pending)
 
     def _is_compiled(self, t: float, steps: int) -> bool:
         """Return True if this call compiled the loop over steps with events. It does so if that saves time.
@@ -120,7 +120,7 @@ class EventDriver:
             return self._compiled is not None
         return False
 
-    def _waiting(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Waiting:
+    def _pending_steps(self, state: DriverState, times: FloatArray, rows: FloatArray) -> PendingSteps:
         """Return the steps not yet searched for events, the driver, and the arrays for accepted steps, as one object.
 
         The procedures of the event loop take this object. The arrays are `times` (k,) and `rows` (k, 2n).
@@ -137,7 +137,7 @@ class EventDriver:
         steps = self._run, size, memory.times, memory.states.reshape(-1), drive, state.counts
         numbers = state.floats, state.integers, memory.kept_reals, memory.kept_counts
         arguments: Any = *steps, *numbers, state.y, np.arange(size), state.y, times, rows.reshape(-1)
-        return Waiting(*arguments)
+        return PendingSteps(*arguments)
 
     def _forget(self, state: DriverState) -> None:
         """Discard the steps not yet searched for events. The driver state is set back to the time before them."""
@@ -147,11 +147,11 @@ class EventDriver:
             run.count, run.begin, run.before = 0, 1, 0
             state.fault = None
 
-    def _look(self, state: DriverState, last: int, waiting: Waiting) -> Outcome | None:
+    def _review(self, state: DriverState, last: int, pending: PendingSteps) -> Outcome | None:
         """Find the events on the steps up to number `last`, on arrays. Return an outcome, or None to continue.
 
         When all steps are searched, they are accepted. If an event resets the state or ends the run, the run is set
-        back to this event. `waiting` has the steps.
+        back to this event. `pending` has the steps.
         """
         memory, run = self._memory, self._run
         if not memory.waits:
@@ -161,24 +161,24 @@ class EventDriver:
         path = memory.times[rows].copy(), memory.states[rows].copy()
         cut = self._watch.review(*path, run.begin - shift, last + 1 - shift, memory.taken - 1 + shift)
         if cut is not None:
-            self._set_back(state, cut, cut.steps - 1 + shift, waiting)
+            self._set_back(state, cut, cut.steps - 1 + shift, pending)
             return Outcome.PAUSED if cut.late else Outcome.WATCHED
         run.begin, run.starts = last + 1, 0
         self._reviewed = self._memory.reviewed
         if memory.waits:
             return None
-        code = waiting.accept()
+        code = pending.accept()
         return None if code == GO_ON else Outcome(code)
 
-    def _set_back(self, state: DriverState, cut: Cut, steps: int, waiting: Waiting) -> None:
+    def _set_back(self, state: DriverState, cut: Cut, steps: int, pending: PendingSteps) -> None:
         """Set the driver state back to the point `cut`, where the next smooth piece of motion begins.
 
-        `waiting` has the steps not yet accepted. Its first `steps` steps are kept, and later ones are discarded.
+        `pending` has the steps not yet accepted. Its first `steps` steps are kept, and later ones are discarded.
         """
         memory, run, count = self._memory, self._run, len(state.floors)
         state.fault = None
         run.changed = self._watch.changed
-        waiting.go_back(steps, cut.t, cut.y, cut.length)
+        pending.go_back(steps, cut.t, cut.y, cut.length)
         sizes = np.abs(memory.states[2 : steps + 2, :count]).max(axis=0, initial=0.0)
         np.maximum(memory.kept_reals[S.FLOORS :][:count], state.reals[S.SHARE] * sizes, out=state.floors)
         run.starts, self._next_left, self._left_to_arrays = 1, 1, 0

@@ -54,18 +54,18 @@ def sides_after_events(
     events: Sequence[ModelEvent],
     change: tuple[FloatArray, FloatArray],
     noise: FloatArray,
-    happened: Container[int],
+    occurred_now: Container[int],
 ) -> list[Side]:
     """Return the sides of zero (known signs) of event functions after a reset, from `sides` before it.
 
     A side of sign 0 is undecided. `change` has the values of the event functions before and after the reset, (E,)
     each. The side of a function that changes by more than `noise` (E,), its rounding error, is undecided. So are
-    those of the events in `happened` (indices), which have just occurred. A contact that came near zero before the
+    those of the events in `occurred_now` (indices), which have just occurred. A contact that came near zero before the
     reset does not count as near it afterwards, since it must not act without crossing zero.
     """
     sides_after = []
     for i, (side, event, before, after) in enumerate(zip(sides, events, *change, strict=True)):
-        stays = i not in happened and not event.root and abs(after - before) <= noise[i]
+        stays = i not in occurred_now and not event.root and abs(after - before) <= noise[i]
         sides_after.append(Side(side.sign, side.near and not event.reset) if stays else Side())
     return sides_after
 
@@ -92,7 +92,7 @@ def still_passes(model: Model, kernel: Kernel, events: Sequence[ModelEvent], ind
     return event.direction * rise > SMALL_FRACTION * float(np.abs(sample.values[index]).max())
 
 
-def sent_through(
+def wrong_side_reset(
     rates: Kernel,
     zeros: Iterable[EventZero],
     parameters: FloatArray,
@@ -114,7 +114,7 @@ def sent_through(
     return None
 
 
-def entry(batch: StepBatch, step: int, index: int, span: float) -> float:
+def zero_size(batch: StepBatch, step: int, index: int, span: float) -> float:
     """Return the size up to which the event function of contact `index` counts as zero at the start of a step.
 
     `step` is the index of the step in the batch. The size is the noise of the event function, or its change over one
@@ -124,7 +124,7 @@ def entry(batch: StepBatch, step: int, index: int, span: float) -> float:
     return float(max(batch.noise[index, step], batch.sensitive[index, step] * (EPSILON / DENSE_ROUND_OFF) * steps))
 
 
-def lie(begun: MotionStart, events: Sequence[ModelEvent], sample: Sample) -> set[int]:
+def resting_contacts(begun: MotionStart, events: Sequence[ModelEvent], sample: Sample) -> set[int]:
     """Return the indices of the contacts that are at rest on the first step of a motion.
 
     The function of such a contact is zero at the start without a new event, and changes only by rounding on the step

@@ -22,10 +22,10 @@ from lagrange.trajectory.events.end_messages import (
     EventResult,
     accumulating,
     at_rest,
-    rootless,
     sliding,
     undefined,
     without_series,
+    zero_root,
 )
 from lagrange.trajectory.events.event_log import ChangeCounter, EventLog
 from lagrange.trajectory.events.motion_start import sides_after_events
@@ -129,15 +129,15 @@ class SeriesWatch(EventLog):
 
     def _step_refused(self, state: DriverState) -> EventResult:
         """Return the end of the run at a state from which the series of a watched function is not valid."""
-        look = self.ahead(state)
-        if not np.isfinite(look.watched).all():
-            result = undefined(self.names(), look.watched)
+        ahead = self.ahead(state)
+        if not np.isfinite(ahead.watched).all():
+            result = undefined(self.names(), ahead.watched)
             # On a surface, rounding may put the state where a branch that begins there has no value.
-            return replace(result, smooth=result.smooth or self._switches(look, 0.0))
+            return replace(result, smooth=result.smooth or self._switches(ahead, 0.0))
         limiting = int(self.memory.record.limiting)
-        name, value = self.names()[limiting], float(look.watched[0, limiting])
+        name, value = self.names()[limiting], float(ahead.watched[0, limiting])
         smooth = limiting < self.surfaces
-        return rootless(name) if self.is_root(limiting) else without_series(name, value, smooth=smooth)
+        return zero_root(name) if self.is_root(limiting) else without_series(name, value, smooth=smooth)
 
     def end(self, state: DriverState) -> EventResult:
         """Apply the pending events at the end of the run, and return the result: how the run ends."""
@@ -183,20 +183,20 @@ class SeriesWatch(EventLog):
                 return replace(EventResult(Status.SUCCESS) if done else self.begin(state), jumped=True)
         return self._rootless(state)
 
-    def _switches(self, look: EventSeries, soon: float) -> bool:
+    def _switches(self, ahead: EventSeries, soon: float) -> bool:
         """Return True if the state is on a switching surface, or reaches one within the time `soon`.
 
-        `look` has the series of the surfaces.
+        `ahead` has the series of the surfaces.
         """
-        return any(which in self.starting or look.falls(which, soon) for which in range(self.surfaces))
+        return any(which in self.starting or ahead.falls(which, soon) for which in range(self.surfaces))
 
     def _rootless(self, state: DriverState) -> EventResult | None:
         """Return the end of the run if a square root of the equations becomes zero at the state, else None."""
-        look, soon = self.ahead(state), LEAP_SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
+        ahead, soon = self.ahead(state), LEAP_SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
         for which in filter(self.is_root, range(len(self.zero_sides))):
             # The radicand is the square of the root, and decreases twice as fast.
-            if look.watched[0, which] == 0 or look.falls(which, 2 * soon):
-                return replace(rootless(self.names()[which]), smooth=False)
+            if ahead.watched[0, which] == 0 or ahead.falls(which, 2 * soon):
+                return replace(zero_root(self.names()[which]), smooth=False)
         return None
 
     def _finish(self, state: DriverState) -> EventResult:
@@ -222,7 +222,7 @@ class SeriesWatch(EventLog):
             return self._jump(resets, pending, state, ends=ends)
         if ends:
             return EventResult(Status.EVENT)
-        return rootless(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
+        return zero_root(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
 
     def _on_surface(self, zeros: Sequence[EventZero], before: Sequence[Side], state: DriverState) -> list[EventZero]:
         """Return those of `zeros` that are events, with the directions that hold after the crossing of a surface.
@@ -267,14 +267,14 @@ class SeriesWatch(EventLog):
         self.driver.restart(state)
         if ends:
             return EventResult(Status.EVENT, jumped=True)
-        happened = {zero.which: abs(float(before.watched[0, zero.which])) for zero in all_zeros}
-        began = self.start(state, happened, before)
+        occurred_now = {zero.which: abs(float(before.watched[0, zero.which])) for zero in all_zeros}
+        began = self.start(state, occurred_now, before)
         if began.status is None:
             for zero in zeros:
                 sign, order = self.ahead(state).leaving(zero.which)
                 if zero.which in self.starting and order > 1 and sign == zero.root.rising:
                     return replace(at_rest(self.names()[zero.which]), jumped=True)
-            self.pending = self.events_at_once(state, happened)
+            self.pending = self.events_at_once(state, occurred_now)
         return replace(began, jumped=True)
 
     def _cross(self, crossed: Sequence[EventZero], state: DriverState) -> EventResult:
@@ -307,40 +307,43 @@ class SeriesWatch(EventLog):
         """
         self.sides = stated_sides(self.series.program, state.t, state.y, self.parameters)
         try:
-            look = self.ahead(state)
-            noise = look.noise.copy()
+            ahead = self.ahead(state)
+            noise = ahead.noise.copy()
             for which, size in zero_sizes.items():
                 noise[which] = max(noise[which], 4 * size)
             if self.surfaces:
                 g = self.at(state)(self.sides)
                 unsettled = {i: (0, 1, -1) for i in range(self.surfaces) if leaving(g[:, i], float(noise[i]))[1] != 0}
                 self.sides = settled_sides(self.at(state), self.sides, unsettled) if unsettled else self.sides
-                look = self.ahead(state)
+                ahead = self.ahead(state)
         except Sliding as found:
             return sliding(self.names()[found.surface], state.t)
         except SingularMassMatrix:
             return EventResult(Status.SINGULAR)
-        if not np.isfinite(look.watched).all():
-            self.zero_sides = [Side(int(sign)) for sign in np.sign(np.nan_to_num(look.watched[0]))]
-            return undefined(self.names(), look.watched)
+        if not np.isfinite(ahead.watched).all():
+            self.zero_sides = [Side(int(sign)) for sign in np.sign(np.nan_to_num(ahead.watched[0]))]
+            return undefined(self.names(), ahead.watched)
         self.go_on(state)
-        sides = self._known(before, look, zero_sizes)
-        starts = [look.leaving(i, margin) for i, margin in enumerate(noise.tolist())]
+        sides = self._known(before, ahead, zero_sizes)
+        starts = [ahead.leaving(i, margin) for i, margin in enumerate(noise.tolist())]
         self.starting = frozenset(i for i, (_, order) in enumerate(starts) if i not in sides and order != 0)
         for i, (sign, _) in enumerate(starts):
             self.zero_sides[i] = Side(int(self.sides[i])) if i < self.surfaces else sides.get(i, Side(sign))
         return EventResult()
 
-    def _known(self, before: EventSeries | None, look: EventSeries, happened: Collection[int]) -> dict[int, Side]:
+    def _known(self, before: EventSeries | None, ahead: EventSeries, occurred_now: Collection[int]) -> dict[int, Side]:
         """Return the sides (known signs) that event functions keep over a reset, by the index of the event.
 
-        `before` and `look` are the series before and after the reset. Events in `happened` have just occurred: their
-        sides are undecided.
+        `before` and `ahead` are the series before and after the reset. The sides of events in `occurred_now` are
+        undecided.
         """
         if before is None:
             return {}
         events = slice(self.surfaces, None)
-        change, occurred = (before.watched[0, events], look.watched[0, events]), [i - self.surfaces for i in happened]
+        change, occurred = (
+            (before.watched[0, events], ahead.watched[0, events]),
+            [i - self.surfaces for i in occurred_now],
+        )
         sides = sides_after_events(self.zero_sides[events], self.events, change, before.noise[events], occurred)
         return {i: side for i, side in enumerate(sides, self.surfaces) if side.sign}
 
@@ -368,17 +371,17 @@ class SeriesWatch(EventLog):
             self.epochs.append((state.count(S.STEPS) + self.jumps, values))
         state.taylor.inspect = 1
 
-    def events_at_once(self, state: DriverState, happened: Container[int]) -> list[EventZero]:
+    def events_at_once(self, state: DriverState, occurred_now: Container[int]) -> list[EventZero]:
         """Return the zeros of contacts that act at the start of the motion, by the rules of `motion_start`.
 
-        Contacts whose indices are in `happened` have just acted and are left out. An example is a ball that starts on
-        the floor and falls: it has to bounce.
+        Contacts in `occurred_now` (indices) have just acted and are left out. Example: a ball that starts on the floor
+        and falls has to bounce.
         """
         zeros = []
         for index, event in enumerate(self.events):
             which = self.surfaces + index
             turns = event.reset and event.direction == self.zero_sides[which].sign != 0
-            if which in self.starting and which not in happened and turns:
+            if which in self.starting and which not in occurred_now and turns:
                 y = state.y.copy()
                 event.apply(state.t, state.y, self.parameters, y)
                 passes = self.ahead(state, y).leaving(which, 0.0) == (event.direction, 1)

@@ -45,11 +45,11 @@ from lagrange.trajectory.events.event_log import Breaks, ChangeCounter, EventLog
 from lagrange.trajectory.events.motion_start import (
     SMALL_FRACTION,
     MotionStart,
-    entry,
-    lie,
-    sent_through,
+    resting_contacts,
     sides_after_events,
     still_passes,
+    wrong_side_reset,
+    zero_size,
 )
 from lagrange.trajectory.events.step_batch import PathOf, Sample, StepBatch, StepsPath, Window, state_noise
 from lagrange.trajectory.integrator import Problem
@@ -252,8 +252,8 @@ class StepWatch(EventLog):
         last = bool(batch.path.times[step + 1] == self.problem.t1)
         starting = self._at_zero(batch, step, watched)
         candidates = self._resting if begun is None or begun.rested else starting
-        lying = set() if begun is None else lie(begun, self.events, sample)
-        self._resting = frozenset(i for i in candidates if i in lying or rests(batch, step, sample, i))
+        resting = set() if begun is None else resting_contacts(begun, self.events, sample)
+        self._resting = frozenset(i for i in candidates if i in resting or rests(batch, step, sample, i))
         traces = {}
         for i in watched:
             if i in self._resting:
@@ -307,7 +307,7 @@ class StepWatch(EventLog):
         else:
             sizes = {i: max(float(batch.edge[i, step]), 4 * begun.zero_sizes.get(i, 0.0)) for i in watched}
             contacts = [i for i in watched if self.events[i].contact and i not in begun.zeros]
-            sizes |= {i: max(sizes[i], entry(batch, step, i, self.problem.t1 - self.problem.t0)) for i in contacts}
+            sizes |= {i: max(sizes[i], zero_size(batch, step, i, self.problem.t1 - self.problem.t0)) for i in contacts}
             starting = [i for i in watched if self._sides[i].sign == 0 and abs(ends[i]) <= sizes[i]]
             self._levels = {}
         self._levels.update((i, float(ends[i])) for i in starting)
@@ -389,7 +389,7 @@ class StepWatch(EventLog):
             return broken
         smooth = [zero for zero in zeros if not zero.root.jump]
         along = math.copysign(1.0, self.problem.t1 - self.problem.t0)
-        through = sent_through(self._rates(), smooth, self.parameters, state.t, (before, after), along)
+        through = wrong_side_reset(self._rates(), smooth, self.parameters, state.t, (before, after), along)
         # The end of a flight of one step follows from its velocity. Only in a longer flight the height is searched, and
         # it may be within its rounding noise.
         several = state.count(S.STEPS) > self._changed_at + 1
@@ -414,8 +414,8 @@ class StepWatch(EventLog):
         result = self._defined(state)
         moved = self.kernel(state.t, after, self.parameters)
         noise = state_noise(self.kernel, self.parameters, np.array([state.t]), before[:, None], values[:, None])[:, 0]
-        happened = {zero.which for zero in all_zeros} | earlier.keys()
-        self._sides = sides_after_events(self._sides, self.events, (values, moved), noise, happened)
+        occurred_now = {zero.which for zero in all_zeros} | earlier.keys()
+        self._sides = sides_after_events(self._sides, self.events, (values, moved), noise, occurred_now)
         where = (state.t, *model.layout.split(after), self.parameters)
         if result.status is None and model.column_without_inertia(*where) is not None:
             return EventResult(Status.SINGULAR, jumped=True)

@@ -17,8 +17,8 @@ from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator, entered
 from lagrange.trajectory.methods import explicit, implicit, radau, splitting, taylor, variational
 from lagrange.trajectory.methods.explicit import RungeKutta
-from lagrange.trajectory.methods.own import StepMethod, step_method
 from lagrange.trajectory.methods.splitting import Splitting
+from lagrange.trajectory.methods.user_defined import StepMethod, step_method
 from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 

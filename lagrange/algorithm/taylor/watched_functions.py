@@ -221,7 +221,7 @@ def watched_types() -> dict[str, Stated]:
 
 
 @dataclass(frozen=True)
-class Opened:
+class WatchedView:
     """The watched functions with the parts of their arrays as attributes, such as signs and `noise`.
 
     In a part each watched function has one entry, or several. Other attributes are those of `Watched`, except
@@ -284,9 +284,9 @@ class Opened:
 
 
 @inline
-def opened(watched: Watched) -> Opened:
+def view_of(watched: Watched) -> WatchedView:
     """Return views of the watched functions' arrays, one attribute for each part of an array."""
-    return Opened(watched, layout_of(watched.sizes))
+    return WatchedView(watched, layout_of(watched.sizes))
 
 
 @inline

@@ -12,7 +12,7 @@ import pytest
 import sympy
 
 import lagrange as lg
-from lagrange.algorithm.members.along import largest_between, lobatto
+from lagrange.algorithm.members.reductions import largest_between, lobatto
 from lagrange.machine.python_source import called
 from lagrange.members import jobs
 

@@ -362,7 +362,7 @@ class Reduced:
 
 
 @dataclass(frozen=True, eq=False)
-class AlongRun:
+class RunReductions:
     """The reductions of a member's expressions along its run: largest and least values, and means.
 
     The procedure `path`, of type `PATH`, is the dense output of its steps.
@@ -373,7 +373,7 @@ class AlongRun:
     dimension: int
 
     @property
-    def reductions(self) -> int:
+    def count(self) -> int:
         """Number of reductions, which are largest and least values and means."""
         return len(self.sampled.reductions)
 
