@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 
 class Outcome(enum.IntEnum):
-    """Reason for which a run, a step, or the solution of a step's equations ended.
+    """Reason for the end of a run, of a step, or of the solution of a step's equations.
 
-    After BROKEN, `DriverState.fault` has the error. UNPROJECTED: the new state was too far from the constraints
-    to be projected onto them. UNSCALED asks the caller to estimate the sizes of the state's entries: steps
-    become shorter because the absolute tolerances of some entries, of unknown size or at rounding level, are
-    too low. The run can then be continued.
+    BROKEN: `DriverState.fault` has the error. UNPROJECTED: the new state is too far from the constraints for a
+    projection onto them. UNSCALED: the caller must estimate the sizes of the state's entries, and can then
+    continue. The absolute tolerances of some entries, of unknown size or at rounding level, are too low, so
+    that steps become shorter.
     """
 
     DONE = 0
@@ -36,7 +36,7 @@ class Outcome(enum.IntEnum):
 
 
 WIDEST_VECTOR = 8
-"""Number of doubles in the widest vectors of processors. That many numbers, steps or members are computed at once."""
+"""Number of doubles in the widest vectors of processors: of numbers, steps or members that are computed at once."""
 
 
 def whole_blocks(count: int, block: int) -> int:
@@ -71,8 +71,8 @@ The second is for a state or slope that is not finite: the step must become shor
 """
 
 FIRST_SHARE = 0.01
-"""First step: bound of the relative change of the state in the Euler step of the trial length. The error of the first
-step is aimed at the same fraction of the tolerance.
+"""Bound of the relative change of the state in the Euler step of the trial length, for the first step. The error of the
+first step is aimed at the same fraction of the tolerance.
 """
 
 RELATIVE_PERTURBATION = 2.0**-26
@@ -84,8 +84,8 @@ units of 2**-52 of their terms.
 """
 
 FIRST_TRIAL, DEFAULT_FIRST = 2.0**-20, 1e-3
-"""Fractions of the run. The first is the trial length if no nonzero entry has a slope, as in a state at rest. The
-second is the first step if neither slopes nor their changes determine one.
+"""Fractions of the run: the trial length if no nonzero entry has a slope, as in a state at rest; and the first step if
+neither slopes nor their changes determine one.
 """
 
 

@@ -1,4 +1,4 @@
-"""The projection of the state onto its constraints at the end of an accepted step, and compensated addition.
+"""Projection of the state onto its constraints at the end of a step, and compensated addition.
 
 The corrections are those of `lagrange.program.catalogue`: a Newton step whose remainder is proportional to the square
 of the violation. They are normal to the constraints in the metric of the mass matrix, so that the energy changes in

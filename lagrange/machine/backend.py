@@ -110,10 +110,7 @@ class BoundCall(Protocol):
         """Run the procedure with the arguments set before; return None, a value or a tuple of values."""
 
     def count(self, steps: int) -> bool:
-        """Report that `steps` more steps were taken.
-
-        Return True when optimized code replaces the code compiled quickly.
-        """
+        """Add `steps` to the count of steps. Return True when optimized code replaces the quickly compiled code."""
 
 
 class LoadedProcedure(Protocol):
@@ -199,7 +196,7 @@ class Series(Protocol):
         """The program of the series."""
 
     def form(self, order: int) -> str:
-        """Return one word for the printed summary of a run that says how the series of an order is computed."""
+        """Return the words of a run's summary for the way in which the series of an order is computed."""
 
     def order(self, tolerance: float) -> int:
         """Return the order that reaches a relative tolerance at the lowest cost."""
@@ -252,10 +249,7 @@ class SeriesCode(Protocol):
         """True if the code of the series will not be compiled again."""
 
     def count(self, steps: int) -> bool:
-        """Report that `steps` more steps were taken.
-
-        Return True when optimized code replaces the code compiled quickly.
-        """
+        """Add `steps` to the count of steps. Return True when optimized code replaces the quickly compiled code."""
 
     def load(self, program: Program) -> Kernel:
         """Return the kernel of a program."""
@@ -305,7 +299,7 @@ class Machine(Protocol):
         dense: DensePath,
         screen: DensePath | None,
     ) -> EventSteps | None:
-        """Return a callable that takes steps and finds events, or None if the caller has to find the events.
+        """Return a function that takes steps and finds events, or None if the caller has to find the events.
 
         `driver` takes the steps, `events` evaluates the event functions, and `resets` the new entries of the state
         after resets. `dense` is the dense output of the steps. `screen` is a cheaper dense output; with it `dense` is
@@ -360,7 +354,7 @@ class KernelProvider(Protocol):
 
     @property
     def rebuild(self) -> Callable[..., Any]:
-        """Function that builds a model from a statement on the same machine, for pickles and changed statements.
+        """Function that builds a model of another statement on the same machine, for pickles and changed statements.
 
         Its arguments are the statement and the indices of independent constraints, or None if these are unknown.
         """

@@ -34,7 +34,7 @@ TAYLOR_EVENT_ROOM = 4096
 
 
 def idle(program: SeriesProgram) -> EventMemory:
-    """Return the memory of a Taylor run in which no events are found.
+    """Return the memory of a Taylor run without a search for events.
 
     With this memory the loop over steps returns before each step that may cross a switching surface.
     """
@@ -205,8 +205,8 @@ class EventMemory:
 class StepDriver:
     """Advances a run by the steps of a method, given as a step program (implements `Driver`).
 
-    It serves one right-hand side and one set of parameters. Data of Newton's method, such as matrices, are kept in
-    the driver's work array.
+    It serves one right-hand side and one set of parameters. The driver's work array has the data of Newton's method,
+    such as matrices.
     """
 
     def __init__(
@@ -345,7 +345,7 @@ class SeriesDriver:
             self.use(parameters)
 
     def use(self, parameters: FloatArray) -> None:
-        """Continue the run with other parameters (k + s,): k values, then the signs of the s switching surfaces.
+        """Change the parameters (k + s,) for the rest of the run: k values, then the signs of the s switching surfaces.
 
         A sign is that of the surface's function: 1.0, -1.0, or 0.0 if the motion stays on the surface.
         """

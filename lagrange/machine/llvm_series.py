@@ -385,7 +385,7 @@ def event_procedures() -> tuple[Procedure, ...]:
 def link_events(*, well: bool) -> None:
     """Compile the procedures that find events on Taylor steps, and make them known to modules loaded later.
 
-    If `well`, they are optimized. Else they are compiled quickly, unless this was done before.
+    With `well` they are optimized. Otherwise they are compiled quickly, unless this was done before.
     """
     with _BUILDING:
         if well or not _events.cache_info().currsize:
@@ -396,7 +396,7 @@ def link_events(*, well: bool) -> None:
 def _events(well: bool) -> Module:
     """Compile the procedures that find events on Taylor steps, and register their addresses by name.
 
-    If `well`, they are optimized, else compiled quickly.
+    With `well` they are optimized, otherwise compiled quickly.
     """
     reached = transitive_callees(event_procedures())
     texts = [function(each, hidden=each not in event_procedures(), merged=not each.noinline) for each in reached]

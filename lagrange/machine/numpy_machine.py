@@ -426,7 +426,7 @@ class NumpySeries(Shared):
         return NumpySeries, (self.program,)
 
     def form(self, order: int) -> str:
-        """Return the word "interpreted", by which the printed summary of a run says how the series is computed."""
+        """Return "interpreted", the word of a run's summary for the way in which the series is computed."""
         return "interpreted"
 
     def order(self, tolerance: float) -> int:
@@ -466,7 +466,7 @@ class NumpySeries(Shared):
         return kernel_in_python(program)
 
     def code(self, order: int) -> NumpySeries:
-        """Return the series itself, which serves every order."""
+        """Return this object, which serves every order."""
         return self
 
     def dense(self, order: int, parameters: FloatArray) -> NumpyDense:

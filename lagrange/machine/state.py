@@ -38,7 +38,7 @@ class Outputs:
     def write(self, end: float, direction: float, path: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
         """Write the states at the output times before `end` that are not written yet.
 
-        It serves a part of the run that has no Taylor steps. `direction` is 1.0 or -1.0, the sign of the run's steps.
+        This is for a part of the run without Taylor steps. `direction` is 1.0 or -1.0, the sign of the run's steps.
         `path` maps times (k,) to states (2n, k) on this part.
         """
         times = self.times[self.record.done : -1]
@@ -155,10 +155,7 @@ class DriverState:
         self.fault, self.kept = None, 0
 
     def restart_series(self) -> None:
-        """Set the data of Taylor steps, `taylor`, to their values at the start of a run.
-
-        Callers use it if they read these data before the driver takes its first step.
-        """
+        """Set the data of Taylor steps, `taylor`, to their values at the start of a run."""
         taylor = self.taylor
         taylor.low, taylor.scale, taylor.next_limit, taylor.limit = 0.0, 1.0, math.inf, math.inf
         taylor.rescalings = taylor.failures = taylor.inspect = 0
@@ -186,7 +183,7 @@ STEP_EVENT_ROOM = 2048
 
 
 class Reaction(NamedTuple):
-    """How a run reacts to zeros of one event function or switching surface.
+    """Reaction of a run to the zeros of one event function or switching surface.
 
     `direction` is the sign of the crossings that count, 0 for both, or `CROSSING` for a surface. The run ends at event
     number `terminal` of this function, or never if `terminal` is 0. A reset replaces the entries of the state with the
@@ -216,12 +213,12 @@ class StepFunction(NamedTuple):
 
 
 class NewEvents(NamedTuple):
-    """Events found since the last call, and the rows after which the motion changes by a reset or a switch.
+    """New events since the last call, and the rows after which the motion changes by a reset or a switch.
 
-    Event k is a zero of the event function with index `which[k]`, at the time `when[k]` and the state
-    `event_states[k]` (2n,). `rows` (m,) are indices of accepted states. After each of them a new smooth piece of the
-    run begins. The step that ends there may have been shortened. Then `times` (m,) and `states` (m, 2n) have the end
-    of the full step; for other steps the time is NaN.
+    Event k is a zero of the event function with index `which[k]`, at the time `when[k]` and the state `event_states[k]`
+    (2n,). `rows` (m,) are indices of accepted states. After each of them a new smooth piece of the run begins. If the
+    step before a row was shortened, `times` (m,) and `states` (m, 2n) have the end of the full step; for other steps
+    the time is NaN.
     """
 
     which: WholeArray
@@ -235,8 +232,8 @@ class NewEvents(NamedTuple):
 class StepEventMemory:
     """Arrays and records that the compiled loop over steps with events works on, for states of length `size`.
 
-    Steps that are not yet searched for events are stored from row 1 of `times` and `states` on. Row 0 is the state
-    before them.
+    Rows of `times` and `states` from row 1 on are steps that are not yet searched for events. Row 0 is the state before
+    them.
     """
 
     def __init__(self, size: int, reactions: Sequence[Reaction]) -> None:
@@ -260,17 +257,11 @@ class StepEventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Save copies of the structures `run` and `review`, from which later runs of the same driver start.
-
-        They hold the data of the loop over steps and of the search for events.
-        """
+        """Save copies of `run` (loop over steps) and `review` (search for events), with which later runs start."""
         self._start = bytes(self.run), bytes(self.review)
 
     def restart(self) -> None:
-        """Restore the structures `run` and `review` that `keep_start` saved, for another run by the driver.
-
-        They then have no steps and no events.
-        """
+        """Restore `run` and `review` as `keep_start` saved them, without steps and events, for another run."""
         for record, start in zip((self.run, self.review), self._start, strict=True):
             ctypes.memmove(ctypes.addressof(record), start, len(start))
         self.kept_counts.fill(0)
@@ -316,6 +307,6 @@ EventSteps = Callable[[DriverState, StepEventMemory, FloatArray, FloatArray], in
 """A function that takes steps of a run and finds the events on them. It returns a number that says why it stopped.
 
 Arguments: the state of the run, the memory of events, and the arrays for the times (c,) and states (c, 2n) of accepted
-steps. The number is an `Outcome`, or the code `NEEDS_REVIEW` (a step is irregular) or `READ_EVENTS` (the arrays of the memory
-are full) of `event_steps`.
+steps. The number is an `Outcome`, or a code of `event_steps`: `NEEDS_REVIEW` (a step is irregular) or `READ_EVENTS`
+(the arrays of the memory are full).
 """

@@ -1,4 +1,4 @@
-"""Jobs: what the members of an ensemble share, and their chunks: sizes, threads or an executor, collected results."""
+"""Jobs of an ensemble: common data of members, chunks and their sizes, threads or an executor, collected results."""
 
 from __future__ import annotations
 

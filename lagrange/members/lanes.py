@@ -1,4 +1,4 @@
-"""Members in vector lanes, one member in each: their compiled code, and the object that runs it."""
+"""Members in vector lanes, one member in each lane: the compiled code, and the engine that runs it."""
 
 from __future__ import annotations
 

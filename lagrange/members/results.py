@@ -1,4 +1,4 @@
-"""The stored results of the members of an ensemble: columns, arrays in memory, and reductions along a run."""
+"""Results of the members of an ensemble: columns, arrays in memory, and reductions along a single run."""
 
 from __future__ import annotations
 
@@ -228,8 +228,8 @@ STEPS_AT_ONCE = 16384
 OVERSHOOT = 2.5
 """Bound of how far a maximum on a step exceeds its samples, in units of their largest change from one to the next.
 
-`lagrange.algorithm.members.reductions.raised` takes slopes to be at most twice those from sample to sample, whose distances
-differ from that to the next one by at most a factor of 2.3.
+The search `raised` takes slopes to be at most twice those between samples. Neighbouring distances of samples differ by
+at most a factor of 2.3.
 """
 
 NONE = np.empty(0)

@@ -1,4 +1,4 @@
-"""Runs of members one by one, each as a separate run or by the flow of a model, and the energies of members."""
+"""Members that run one by one, each as a separate run or by the flow of a model; and the energies of members."""
 
 from __future__ import annotations
 

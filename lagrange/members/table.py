@@ -1,4 +1,4 @@
-"""The members of an ensemble as a table: arrays, grids and samples of what varies, and the common values."""
+"""Members of an ensemble as a table: arrays, grids and random samples of the varying values, and the common values."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from lagrange.procedure.values import VALUES, Entries, Flag, Memory, Real, Recor
 
 
 class FunctionParameter:
-    """A parameter of the procedure that is a function: it can be called, or passed on to other procedures."""
+    """A function parameter of a procedure. It can be called, or passed on to other procedures."""
 
     def __init__(self, builder: Builder, ref: int, callee: Callee) -> None:
         self._builder, self.ref, self._callee = builder, ref, callee
@@ -186,7 +186,7 @@ class Builder:
         return ref
 
     def made(self, kind: Kind | Vector, make: Callable[[int], Statement]) -> Any:
-        """Add the statement that `make` returns for a new id, and return the value that the statement defines."""
+        """Add the statement that `make` returns for a new id. Return the value that it defines."""
         ref = self.unused()
         self.add(make(ref))
         return self.value_of(ref, kind)
@@ -331,8 +331,8 @@ class Builder:
     def fold(self, op: str, value: Any, factor: Any = None) -> Real:
         """Return the reduction `op` of a value over the iterations of the enclosing `each`.
 
-        It is known after the loop. "add" is the sum, "dot" the sum of value * factor. "max" is the largest value, NaN
-        if any value is, and "most" ignores NaN. "magnitude" is the largest |value|.
+        The result is available after the loop: "add" is the sum, "dot" the sum of value * factor, "max" the largest
+        value (NaN if any value is), "most" the largest without NaN, "magnitude" the largest |value|.
         """
         if self._folds is None:
             raise LagrangeError(f"procedure {self.name}: sums of values are possible inside `each` only.")

@@ -362,7 +362,7 @@ class Fold(NamedTuple):
 
 
 class Each(NamedTuple):
-    """A loop over the indices from 0 to `iterations` - 1, in any order or at the same time.
+    """A loop over the indices 0 to `iterations` - 1, whose iterations may run in any order or at the same time.
 
     Arrays are accessed at the index itself, or read at an index that no iteration writes. An iteration may have local
     variables, and loops with the same count in every iteration. It has no calls and no branches. A printer may
@@ -414,7 +414,7 @@ Block = tuple[Statement, ...]
 class Procedure:
     """A checked algorithm. `about` is a sentence that describes it. `names` maps ids to names in the algorithm.
 
-    A procedure that is `noinline` runs rarely, or has several callers: printers do not inline it.
+    Printers do not inline a `noinline` procedure: it runs rarely, or has several callers.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Values of a procedure that runs many members at once: which of them differ between members, and their statements.
+"""Varying and uniform values of a procedure that runs many members at once, and statements on them.
 
 A member is one of several runs of the original procedure; each lane of a vector holds the value of one member. A value
 is varying if it depends on a varying argument, or if members may have taken different branches. All other values are
@@ -77,7 +77,7 @@ Analyses = dict[tuple[Procedure, Signature], ProcedureVariation]
 
 
 def variation_of(procedure: Procedure, signature: Signature, known: Analyses) -> ProcedureVariation:
-    """Return which values, arrays and results of a procedure differ between members.
+    """Return the values, arrays and results of a procedure that differ between members.
 
     `signature` says which arguments differ. `known` caches the analyses of all procedures so far.
     """
@@ -126,12 +126,12 @@ class _VariationSearch:
             self.shifted.add(ref)
 
     def block(self, block: Block, *, masked: bool) -> None:
-        """Record which ids in a block differ between members. `masked` is true if only some members reach it."""
+        """Record the ids in a block that differ between members. `masked` is true if only some members reach it."""
         for statement in block:
             self.statement(statement, masked=masked)
 
     def statement(self, statement: Statement, *, masked: bool) -> None:
-        """Record which of the ids that a statement defines or sets differ between members.
+        """Record those ids that a statement defines or sets and that differ between members.
 
         `masked` is true if only some of the members reach the statement.
         """
@@ -291,11 +291,11 @@ class MemberStatements:
     # --- masks and variables
 
     def both(self, mask: int, other: int) -> int:
-        """Return the id of the mask of the members that are in two masks. `other` may be undefined outside `mask`."""
+        """Return the id of the intersection of two masks. `other` may be undefined outside `mask`."""
         return self.put("select", FLAG, mask, other, self.constant(FLAG, value=False))
 
     def without(self, mask: int, gone: int) -> int:
-        """Return the id of the mask of those members of `mask` that are not in the mask `gone`."""
+        """Return the id of the mask `mask` without the members in the mask `gone`."""
         return self.put("select", FLAG, gone, self.constant(FLAG, value=False), mask)
 
     def some(self, mask: int) -> int:

@@ -51,10 +51,10 @@ class MemberProcedures:
     def of(self, procedure: Procedure, signature: Signature) -> Procedure:
         """Return the rewritten procedure, which runs all members at once.
 
-        `signature` says which arguments differ between members. The first parameter of the new procedure is the mask
-        of the members to run. An argument or result that differs is a vector. An array with own values for each
-        member holds entry i of all members side by side. If the part of each member begins at another index, the next
-        parameter is the vector of these indices.
+        `signature` says which arguments differ between members. The first parameter of the new procedure is the mask of
+        the members to run. An argument or result that differs is a vector. In an array with values for each member,
+        entry i of all members is adjacent. If the part of each member begins at a different index, the next parameter
+        is the vector of these indices.
         """
         key = procedure, signature
         if key not in self.known:
@@ -153,7 +153,7 @@ class _Rewriter(Visitor, MemberStatements):
                 return made
 
     def memory_for(self, old: int, kind: Array | Record, variation: Variation) -> MemberMemory:
-        """Return the new memory for the caller's array or record `old`; `variation` says if each member has its own."""
+        """Return the new memory for the caller's array or record `old`: shared, or one for each member."""
         self.types[old] = kind
         made = self.memory[old] = MemberMemory(
             self.new(), variation.varying, self.new(WHOLE, wide=True) if variation.shifted else None
@@ -172,7 +172,7 @@ class _Rewriter(Visitor, MemberStatements):
         return self.wide(ref) if wide else ref
 
     def remaining(self, mask: int, statement: form.Statement) -> int:
-        """Return the mask of those members of `mask` that have not returned from the procedure inside a statement."""
+        """Return the mask `mask` without the members that have returned from the procedure inside a statement."""
         if self.alive is None or not any(leaves(body) for body in form.inner(statement)):
             return mask
         return self.both(mask, self.got(self.alive))
@@ -232,7 +232,7 @@ class _Rewriter(Visitor, MemberStatements):
             return
         wide, args = self.differs(let.ref), [self.values[arg] for arg in let.args]
         if wide and let.op == "quotient":
-            # A member that takes no part may have a zero divisor here, which would stop the process.
+            # A member outside the mask may have a zero divisor here, which would stop the process.
             is_zero = self.put("equal", FLAG, args[1], self.constant(WHOLE, 0))
             args[1] = self.put("select", WHOLE, is_zero, self.constant(WHOLE, 1), args[1])
         self.values[let.ref] = self.put(let.op, let.kind, *args, wide=wide)
@@ -269,7 +269,7 @@ class _Rewriter(Visitor, MemberStatements):
         return self.put("add", WHOLE, first, numbers)
 
     def is_gathered(self, array: int, old_index: int) -> bool:
-        """Return True if members may access an array at different indices: they differ, or the array's starts do."""
+        """Return True if members may access an array at different indices: the index or the array's start varies."""
         return self.memory[array].starts is not None or self.differs(old_index)
 
     @visits(form.Load)

@@ -199,7 +199,7 @@ class _Rewriter:
         return replacements
 
     def statement(self, statement: Statement) -> None:
-        """Add the statements that replace one, or let it wait for the next loop."""
+        """Add the statements that replace one statement, or defer it to the next loop."""
         match statement:
             case form.VectorLet(ref=ref, vector=vector, op="permute"):
                 self.vectors[ref] = vector
@@ -234,7 +234,7 @@ class _Rewriter:
                 self.out.append(rebuilt(statement, self.inside))
 
     def defer(self, statement: Statement, ref: int, vector: Vector) -> None:
-        """Let a statement wait for the next loop. It computes, sets or stores the vector with the id `ref`."""
+        """Defer a statement to the next loop. It computes, sets or stores the vector with the id `ref`."""
         if vector.width != self.width:
             self.add_loop()
         self.vectors[ref], self.width = vector, vector.width
@@ -309,7 +309,7 @@ class _Rewriter:
         self.deferred = []
 
     def array_of(self, ref: int) -> int:
-        """Return the array with the entries of a vector; one with equal entries gets its array now."""
+        """Return the array with the entries of a vector. A vector with equal entries gets its array now."""
         if ref in self.copied:
             array = self.arrays[ref] = self.reserved(self.vectors[ref])
             for k in range(self.vectors[ref].width):

@@ -221,7 +221,7 @@ class SourcePrinter(Visitor, Syntax):
         return operator.binds, operator.applied(self.text, let.args)
 
     def made(self, ref: int, kind: Kind, level: int, text: str) -> None:
-        """Keep the text of a value until its only use, or print the definition of the value now.
+        """Defer the text of a value to its only use, or print the definition of the value now.
 
         The definition is printed if the value has a name, several uses or a long text. A value that is not used is
         dropped. `ref` is the id of the value, and `level` the binding strength of the text.

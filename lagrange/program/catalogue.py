@@ -30,7 +30,7 @@ LEAST_TERM_SIZE = Fraction(1, 2**1000)
 
 
 def constraint_positions(constraints: ConstraintEquations) -> list[Node]:
-    """Return phi of each constraint phi(q, t) = 0; zero for those that are stated as equations of velocities."""
+    """Return phi of each constraint phi(q, t) = 0; zero for a constraint that is stated in velocities."""
     pairs = zip(constraints.positions, constraints.velocities, strict=True)
     return [psi.graph.zero if phi is None else phi for phi, psi in pairs]
 
@@ -38,13 +38,13 @@ def constraint_positions(constraints: ConstraintEquations) -> list[Node]:
 def projection(equations: Equations) -> Named:
     """Return the nodes of the corrections [dq, dv] that move a state onto the constraints, and of two error measures.
 
-    The violation is the error before the correction: the largest |phi| or |psi|, relative to the size of its terms.
-    The remainder estimates the error after it: the sum over all constraints of the second-order terms along the
+    The violation is the error before the correction: the largest |phi| or |psi|, relative to the size of its terms. The
+    remainder estimates the error after it: the sum over all constraints of the second-order terms along the
     corrections, again relative to the sizes of terms. Near a configuration with dependent constraints the corrections
-    are large, and the remainder may exceed the violation. That quaternions have length one counts as a constraint.
+    are large, and the remainder may exceed the violation. The unit length of a quaternion counts as a constraint.
 
-    Some constraints may be relations that determine the velocities of coordinates of first order. Then a second
-    violation follows, that of the other constraints alone.
+    Some constraints may only determine the velocities of coordinates without inertia. Then a second violation follows:
+    that of the other constraints alone.
     """
     graph, held = equations.graph, equations.constraints
     n, zero = len(equations.q), equations.graph.zero
@@ -94,10 +94,10 @@ def _lengths(equations: Equations) -> tuple[list[Node], list[Node]]:
 
 
 def _restore(equations: Equations, corrections: list[Node], errors: Sequence[Node]) -> None:
-    """Change the corrections of coordinates, or of velocities, along each quaternion q so that they cancel `errors`.
+    """Change the part of each correction along its quaternion q so that q . correction = -error, in place.
 
-    An error is what the product of q with the correction must cancel. The length of q is nearly one, and physics does
-    not depend on it: forces and constraints do not change.
+    `corrections` are those of coordinates or of velocities, and `errors` has an error for each quaternion. The length
+    of q is nearly one. Forces and constraints do not depend on it, so they do not change.
     """
     graph = equations.graph
     for rows, error in zip(equations.quaternions, errors, strict=True):
@@ -250,7 +250,7 @@ def jacobian(equations: Equations) -> Named:
         residual += [along(psi) for psi in held.velocities]
         known |= dict(zip(multipliers, equations.impulses, strict=True))
     if equations.settled:
-        # The accelerations are those at velocities of first order that follow from the other entries of the state.
+        # The other entries of the state determine velocities without inertia: the residual uses these velocities.
         residual = substitute(residual, dict(zip(equations.v, equations.rate, strict=True)))
     columns, solve = [], equations.plan.solver(equations.matrix)
     for symbol in (*equations.q, *equations.v):

@@ -67,7 +67,7 @@ class Elimination:
 
     @cached_property
     def ranks(self) -> tuple[int, ...]:
-        """Position of each unknown in the order of elimination that is used with pivoting.
+        """Position of each unknown in the order of elimination with pivoting.
 
         A matrix with Lagrange multipliers is sparse: the order puts coupled unknowns close to each other, for a small
         bandwidth. Without multipliers it is the original order.

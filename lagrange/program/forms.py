@@ -90,10 +90,9 @@ _Term = tuple[tuple[Node, ...], Exact]
 
 
 def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
-    """Return the nodes that are kept whole when the outputs are expanded to sums of products.
+    """Return the nodes that stay single factors when the outputs are expanded to sums of products.
 
-    These are nodes other than products that are read more than once, and products that are outputs and are also read
-    elsewhere.
+    Such a node has several readers. A product must also be an output.
     """
     uses: Counter[Node] = Counter(outputs)
     for node in reachable(outputs):

@@ -96,7 +96,7 @@ class _Lowering:
     def emit(self, op: str, *args: int, level: Binding = Binding.CONSTANT, **data: Any) -> int:
         """Return the index of the instruction `op` on the results with the indices `args`.
 
-        An equal instruction is reused; otherwise a new one is added. `level` says what it depends on apart from its
+        An equal instruction is reused; otherwise a new one is added. `level` is what it depends on in addition to its
         operands: nothing, parameters or the motion. `data` are its other fields.
         """
         instruction = Instruction(op, args, **data)

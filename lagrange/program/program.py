@@ -171,7 +171,7 @@ def arranged(
 
 
 def uses_of(program: Program, twice: Container[str] = (*SYSTEMS, "select")) -> list[int]:
-    """Return for each instruction how often generated code reads its result, at least.
+    """Return for each instruction the least number of times that generated code reads its result.
 
     Operands of the operations `twice` count twice, and each output adds one.
     """
@@ -200,9 +200,9 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
     """Return the instructions `refs` in an order in which systems with the same matrix are solved together.
 
     Such solves are joined to a `SolveGroup`, of at most `most(factor)` solves with the matrix of the instruction
-    `factor`. The index of a solve in a group marks where its right-hand side is known; its solution is known after
-    the group. Instructions are sorted by the number of solves on which they depend in sequence, then by index.
-    Without groups the order is unchanged.
+    `factor`. At the index of a solve in a group its right-hand side is known. Its solution is known after the group.
+    Instructions are sorted by the number of solves on which they depend in sequence, then by index. Without groups the
+    order is unchanged.
     """
     refs = list(refs)
     factors = [program.instructions[i].args[0] for i in refs if program.instructions[i].op == "solve"]

@@ -14,7 +14,7 @@ For every k from 1 to the highest order a machine
   2. for each stage, of which the velocities are the first: computes the values of its list `trials` with unknowns of
      zero, hence p^[k]; solves for the unknowns; then computes the values of its list `found`, hence f[k].
 
-A constant mass matrix needs no p^: the rate of change of the part of p beside M v is one of the forces.
+With a constant mass matrix M there is no p^: the rate of change of p - M v is counted among the forces.
 
 Source: A. Jorba, M. Zou, Experimental Mathematics 14 (2005) 99-117, for the recurrences; the step through the mass
 matrix of order 0 is that of implicit equations, J. D. Pryce, Numerical Algorithms 19 (1998) 195-211.
@@ -52,7 +52,7 @@ RULES: dict[str, tuple[int | None, int | None, str]] = {
     "against": (2, 0, "(a[k] - sum over 0 < j < k of j u[j] w[k-j] / k) / w[0]"),
     "choose": (2, 1, "a[k] if c else b[k]"),
 }
-"""Every rule: number of arguments, number of coefficients (None: any; as many as arguments), and u[k] in words.
+"""Every rule: number of arguments, of coefficients (None: any number, or one for each argument), and formula of u[k].
 
 `along` is du = c w da, and `against` is w du = da. The second argument of `along` and that of `integral` are read at
 orders below k only, so that these values may come later in the list.
@@ -262,7 +262,7 @@ class SeriesProgram:
 
 
 def convolutions(rules: Sequence[SeriesRule]) -> int:
-    """Return a measure of the cost of one order of the series: twice the number of sums over lower orders.
+    """Return the cost of one order of the series: twice the number of sums over lower orders.
 
     The sum of a square counts half, because its terms occur in pairs.
     """

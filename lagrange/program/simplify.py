@@ -102,7 +102,7 @@ class _Simplifier:
         return self.numbers[instruction]
 
     def translate(self, instruction: Instruction) -> Signed:
-        """Emit the simplified form of an instruction of the old program, and return its signed result in the new one."""
+        """Emit the simplified form of an instruction of the old program, and return its signed new result."""
         if instruction.op == "constant" and instruction.value < 0.0:
             return Signed(self.emit("constant", value=-instruction.value), negative=True)
         if instruction.op == "neg":

@@ -32,7 +32,7 @@ calls and solves, in order."""
 
 
 def parts(combination: Combination, h: Node) -> tuple[Combination, tuple[tuple[int, Exact], ...]]:
-    """Return two groups of terms of a linear combination: the second are those multiplied by h.
+    """Return the terms of a linear combination in two groups: those without the factor h, and those with it.
 
     A term is (index of a vector, coefficient). In the second group a coefficient c h is given as the exact number c:
     the sum of this group is multiplied by the step size h.
@@ -505,7 +505,7 @@ class Recorder:
         return made
 
     def _within(self, function: Callable[[], Any]) -> tuple[tuple[LawCall, ...], tuple[Combination, ...], bool]:
-        """Run a function that computes residuals, guesses or predictions, and record its evaluations of the law.
+        """Run a function for residuals, guesses or predictions, and record its evaluations of the law.
 
         Return these evaluations, the results as linear combinations, and True if the function returned a tuple.
         """

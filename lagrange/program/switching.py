@@ -66,7 +66,7 @@ def switch(graph: Graph, outputs: Sequence[Node]) -> Switched:
 class _Switches:
     """Replaces switches by expressions in the sides of surfaces, and collects the surfaces.
 
-    A surface is where a node g is zero, and its side is the sign of g. The nodes g and -g have one surface.
+    A surface is the zero set of a node g, and its side is the sign of g. The nodes g and -g have one surface.
     """
 
     def __init__(self, graph: Graph, read: Callable[[Node], Node], sided: Container[Node]) -> None:
@@ -80,7 +80,7 @@ class _Switches:
         self.starts: dict[Node, Node] = {}
 
     def smooth(self, outputs: Sequence[Node], table: dict[Node, Node]) -> None:
-        """Add to `table` each node on which the outputs depend, as {node: the same without switches}."""
+        """Add each node on which the outputs depend to `table`, as {node: its expression without switches}."""
         for node in reachable(outputs, excluded=table.keys()):
             args = [table[arg] for arg in node.args]
             if node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in args):

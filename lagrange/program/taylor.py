@@ -95,8 +95,8 @@ def motion_symbols(e: Equations) -> list[Node]:
 def assemblies(e: Equations, parts: Parts, switched: Switched) -> list[_Assembly]:
     """Return the builders of the series, two for each form of the equations. The caller chooses the cheapest.
 
-    The two differ in whether the factors a' - b' in rates of sin(a - b) are multiplied out. `parts` and `switched` are
-    the equations without switches.
+    In one of the two the factors a' - b' in rates of sin(a - b) are multiplied out. `parts` and `switched` are the
+    equations without switches.
     """
     p, f = list(parts["momenta"]), list(parts["forces"])
     n = len(p)
@@ -210,11 +210,11 @@ class _Assembly:
         self.forces += [None] * m
 
     def spin(self, rate: Node, pull: Node) -> int:
-        """Return the index of the series value rate - 2 * pull * t, minus twice the velocity of a quaternion entry.
+        """Return the index of a series value: -2 times the velocity of a quaternion entry, rate - 2 * pull * t.
 
-        `rate` is minus twice the derivative of the entry, as the angular rates of the body give it. The length of the
-        quaternion may change along the series; `pull` is the acceleration of the entry at the start of the step that
-        removes this change.
+        `rate` is -2 times the derivative of the entry that follows from the angular rates of the body. Along the series
+        the length of the quaternion may change; the acceleration `pull` of the entry at the start of the step removes
+        this change.
         """
         b = self.builder
         pulled = b.add(SeriesRule("integral", (b.add(SeriesRule("constant"), pull, pull),), (b.constant(1),)), None)

@@ -1,4 +1,4 @@
-"""The message at the end of a run: the time, the coordinate that failed, the cause, and the remedy."""
+"""Messages at the end of a run: time, coordinate that failed, cause and remedy."""
 
 from __future__ import annotations
 

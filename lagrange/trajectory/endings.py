@@ -1,4 +1,4 @@
-"""Detect and explain ends of runs: zero inertia, dependent constraints, ends of tables, points without a motion."""
+"""Causes for the end of a run: lost inertia, dependent constraints, the end of a table, points without a motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of a run such as max_steps, default absolute tolerance, memory limit, and the protocol of integrators."""
+"""Options of a run (max_steps, default absolute tolerance, memory limit), and the protocol of integrators."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Storage of a run: its accepted states, and the states at output times."""
+"""Storage of a run: accepted states, states at output times (t_eval), and dropped states if memory is used up."""
 
 from __future__ import annotations
 

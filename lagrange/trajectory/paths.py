@@ -1,4 +1,4 @@
-"""Dense output of runs: paths over steps, computed on demand or sampled from another package, and stored outputs."""
+"""Dense output of whole runs: paths over their steps, computed on demand, sampled from another solver, or stored."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans: methods prepared for a model, with drivers (loops over steps). Later runs of the model use them again."""
+"""Plans: methods prepared for a model, with drivers (loops over steps), cached for later runs of the model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run a plan from start to end: calls of a compiled driver, with limits, events and Ctrl-C between the calls."""
+"""Loop over the calls of a compiled driver in a run, with limits, events and Ctrl-C between the calls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs in segments, joined to one run: a new segment begins where parameters or contacts change."""
+"""Runs in segments, joined to one run: a new segment begins where parameters or contact modes change."""
 
 from __future__ import annotations
 

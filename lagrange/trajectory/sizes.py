@@ -1,4 +1,4 @@
-"""Sizes of the entries of a state, their rounding noise, and the floors (least absolute tolerances) that result."""
+"""Sizes and rounding noise of a state's entries, and the floors (least absolute tolerances) from them."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def entry_sizes(
         response = _Response(lambda state: slopes(t, state), slope, y, layout)
         forces = np.abs([slopes(*point)[layout.v] for point in force_points])
         ahead = np.max(forces, axis=0, initial=0.0, where=np.isfinite(forces))
-        # For an entry that moves only the present force counts: forces ahead may be arbitrarily large, near a pole.
+        # For an entry that moves, only the present force counts: near a pole forces ahead may be arbitrarily large.
         force = np.where(layout.split(y)[1] == 0, ahead, np.nan_to_num(np.abs(slope[layout.v]), posinf=0.0))
         period = abs(left)
         noise = SLOPE_NOISE * response(own_sizes(np.zeros_like(force), period))[layout.v]

@@ -1,4 +1,4 @@
-"""The result of a run for users: rows by name, states at any time, the energy, files and pictures."""
+"""Result of a run for users: rows by name, states at any time, energy, files and pictures."""
 
 from __future__ import annotations
 

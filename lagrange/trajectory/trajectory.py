@@ -1,4 +1,4 @@
-"""The result of a run: the states, its status, the dense output, and the parameters that events have set."""
+"""Internal result of a run: states, status, dense output, and the parameters that events have set."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Memory in which the polynomials of a block of steps are computed, one step in each column, and their values.
+"""Dense output on a block of steps, one in each column: the memory of the polynomials, and their values at many times.
 
 A block has `columns` steps, and its vectors are stored by columns: entry j of step b is at index j * columns + b. So
-one operation on an entry serves many steps at once. Machine code has blocks of `WIDEST_VECTOR` steps; in the last block
-a step may be repeated. The numpy machine has one column for each step.
+one operation on an entry serves many steps at once. Machine code has blocks of `WIDEST_VECTOR` steps; the last block
+may repeat a step. The numpy machine has one column for each step.
 
 At many times the polynomial of a step is computed once.
 """

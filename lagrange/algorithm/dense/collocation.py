@@ -1,10 +1,10 @@
-"""Dense output of a stiffly accurate collocation method: its polynomial, computed again and raised by one degree.
+"""Dense output of stiffly accurate collocation (Radau): the polynomial of a step, raised by one degree.
 
 The last stage is the end of the step and known; the other stages are solved for. Stages, polynomial and slopes have
-order s. One more slope makes the integral of the slopes a path of order s + 1: the slope at the start, which is the
-last slope of the previous step. For the first step it is the first slope of the next step. A step without a neighbour
-keeps its polynomial. All slopes are derivatives of polynomials, not values of the law: on a stiff system rounding of
-the state causes a large error of the law.
+order s. With one more slope, at the start, the integral of the slopes is a path of order s + 1. This slope is the last
+one of the previous step. For the first step it is the first slope of the next step. A step without a neighbour keeps
+its polynomial. All slopes are derivatives of polynomials, not values of the law: on a stiff system rounding of the
+state causes a large error of the law.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Any method: the integral of the right-hand side along a path of order p is a path of order p + 1. Its difference from
 the state at the end is distributed over the step by a cubic that is flat at both ends. So the path meets both ends with
 their slopes, and needs only the right-hand side. On long steps, such as those of implicit methods, the iteration may
-diverge. Then the path is the best one so far, possibly the cubic.
+diverge. Then the path is the last accepted iterate, or the cubic.
 
 A Runge-Kutta method: its stages are computed again, and their weighted sums are the coefficients. A Taylor step: the
 series is computed again at the start of the step.
@@ -282,7 +282,7 @@ def runge_kutta(block: PolynomialBlock) -> None:
 
     The table has the abscissae, the rows, and the weights for each power of theta. The weights add up to theta,
     so that slopes enter only by their differences from the first slope: weights of some hundred then amplify
-    less rounding. If a slope has no value, the step has no path, even if its coefficients are zero.
+    less rounding. If a slope is not finite, the step has no path, even if its coefficients are zero.
     """
     step = steps_in(block.step_data, block.dimension, block.columns)
     total, stages, out = block.total, block.stages, block.out

@@ -69,7 +69,7 @@ TOGETHER = 4 * 2.0**-52
 """Zeros at a distance below this fraction of the time count as simultaneous."""
 
 CROSSING = 2
-"""In place of a direction: both directions count, but a touch of zero does not."""
+"""Code in place of a direction: both directions count, but a touch of zero does not."""
 
 CLEAR_FACTOR = 16.0
 """An event function within rounding of zero at its start is compared with this initial value until it is larger by this
@@ -100,7 +100,7 @@ does not advance.
 """
 
 ALONG = 2.0**-16
-"""Fraction of a step over which the program tests that the motion passes zero in the same direction as its path."""
+"""Fraction of a step over which the direction of the motion through zero is compared with that of its dense output."""
 
 CLEARLY = 8.0
 """Least change of an event function in that test, as a multiple of its noise."""

@@ -1,4 +1,4 @@
-"""Loop over the steps of a step program with events: take steps, search them, go back to the first change.
+"""Loop over steps with events: take steps, search them, go back to the first change of the motion.
 
 The search is called review. A change is an event at which the motion changes: a reset of the state, another
 law, or the end of the run. A reset after which the motion leaves zero is applied here. Irregular events are
@@ -42,8 +42,8 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 TAKE_STEPS = Callee((Array(WHOLE), Array(), Array(WHOLE), Array(), WHOLE, Array(), Array()), (WHOLE,))
-"""Type of a function that takes steps and returns an `Outcome`. Arguments: data that the machine has prepared, the
-reals and counts of the run, work memory, the number of trial steps, and the arrays for times and states.
+"""Type of a function that takes steps and returns an `Outcome`. Arguments: data of the machine, the reals and counts of
+the run, work memory, the number of trial steps, and the arrays for times and states.
 """
 
 MOST_WAITING = 1024
@@ -193,7 +193,7 @@ class PendingSteps:
 
     @inline
     def take(self) -> int:
-        """Take the next steps by the driver, for a search. Return `GO_ON`, or the code that ends the loop.
+        """Let the driver take the next steps, for a search. Return `GO_ON`, or the code that ends the loop.
 
         The code is an `Outcome`, such as DONE at the end of the run, or `READ_EVENTS` if the array for changes
         of the motion is full.
@@ -287,7 +287,7 @@ class PendingSteps:
 
     @inline
     def lower_floors(self, kept: int) -> None:
-        """Set the floors (absolute tolerances of entries) as only the first `kept` steps determine them.
+        """Set the floors (absolute tolerances of entries) to their values after the first `kept` steps.
 
         A floor is the one before these steps or, if that is larger, a fraction of the largest magnitude of the
         entry at the ends of these steps.
@@ -537,7 +537,7 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
 def begin_side(
     sign: WholesOut, near: WholesOut, values: tuple[float, float], noise: float, *, is_due: bool, has_reset: bool
 ) -> None:
-    """Set the known sign of one event function after a reset, and whether it came near zero since then.
+    """Set the known sign of one event function after a reset, and the flag for a value near zero since then.
 
     These are the first entries of `sign` (1, -1, or 0 for unknown) and `near` (1 if the function has been
     within its noise of zero since it had that sign). They are kept if the reset does not change the function.

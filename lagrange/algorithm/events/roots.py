@@ -1,11 +1,11 @@
 """Zeros of an event function g that is a polynomial on each step: each root once, in order, with its direction.
 
-The search passes the last sign of g from step to step. A sign counts once |g| exceeds the noise
-of g. A crossing is reported by the step in which the opposite sign first counts. A touch is reported if g has
-been within its noise of zero and then has the same sign again. So crossings alternate over a whole run, and a
-root at a joint of two steps is reported once, whatever the rounding on its two sides (by the later step, at
-time 0). If |g| stays above its noise there is no root. Roots between which g stays within its noise are one:
-two of them a touch, three a crossing. The two steps at a joint must agree on g there within their noise.
+The search passes the last sign of g from step to step. A sign counts once |g| exceeds the noise of g. A
+crossing is reported by the step in which the opposite sign first counts. A touch is reported if g has been
+within its noise of zero and then has the same sign again. So crossings alternate over a whole run. A root at a
+joint of two steps is reported once, by the later step at time 0, whatever the rounding on both sides. If |g|
+stays above its noise there is no root. Roots between which g stays within its noise are one: two of them a
+touch, three a crossing. The two steps at a joint must agree on g there within their noise.
 
 Measured on h = 1: two isolated roots merge when closer than 1e-7 to 2e-7, three at spacings below 2e-5 to 5e-5.
 Of roots distributed over the whole step, double coefficients keep up to 8 apart, 12 in six cases of ten, and
@@ -101,7 +101,7 @@ def add_four_times(b: Out, count: int) -> None:
 
 @procedure
 def signs(b: In, count: int, first: int, noise: float) -> tuple[bool, int, float]:
-    """Return True if Bernstein coefficients b have at most one sign change, their last sign, and largest size.
+    """Return (True for at most one sign change, last sign, largest size) of Bernstein coefficients b.
 
     `first` is the sign of the first of the `count` coefficients, as decided for the previous interval: rounding
     must not decide it twice. A coefficient of size up to `noise` has no sign.
@@ -157,7 +157,7 @@ class SignState:
     """Value of the function at `near_at`, times the sign."""
 
     counted: int
-    """1 while the function is at a root at the start that the previous step has reported."""
+    """1 while the function is at a root at the start, which the previous step has reported."""
 
 
 @dataclass(frozen=True)

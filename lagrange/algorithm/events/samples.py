@@ -185,7 +185,7 @@ MISSED = 1 / 16 / (2 * SLOPE_AT * (1 - SLOPE_AT) * (1 - 2 * SLOPE_AT))
 """Largest value of s**2 (1 - s)**2, divided by its largest slope."""
 
 SAFELY = 4.0
-"""Safety factor of the estimated error of a cubic. Like all noise it is multiplied by four in addition."""
+"""Safety factor of the estimated error of a cubic, in addition to the factor of four for all noise."""
 
 UNRESOLVED = 0.02
 """If a cubic misses more than this fraction of the change of an entry of the state, it cannot exclude events."""
@@ -322,7 +322,7 @@ class Samples:
 
     @inline
     def follow(self, lines: Lines, step_numbers: WholesIn) -> bool:
-        """Compute the dense output of some steps, and find on which of them an event function may be zero.
+        """Compute the dense output of some steps, and find those on which an event function may be zero.
 
         `step_numbers` has the numbers of the steps, one for each column. The flags are written to
         `lines.doubtful`. Return True if an event function has no value.
@@ -333,7 +333,7 @@ class Samples:
 
     @inline
     def sift(self, lines: Lines, step_numbers: WholesIn) -> bool:
-        """Find by cubics on which steps an event function may be zero, and write flags to `lines.doubtful`.
+        """Find the steps on which an event function may be zero, by cubics: flags in `lines.doubtful`.
 
         `step_numbers` has the numbers of the steps. The path differs from the cubic through the ends of a step
         by K s**2 (1 - s)**2 at the fraction s. The difference of their slopes, evaluated at `SLOPE_AT`, where
@@ -370,7 +370,7 @@ class Samples:
 
     @inline
     def find_doubtful(self, lines: Lines, degree: int, screening: bool) -> bool:
-        """Find on which steps of the block an event function may be zero: 1.0 in `lines.doubtful`, else 0.0.
+        """Find the steps on which an event function may be zero: 1.0 in `lines.doubtful`, else 0.0.
 
         The polynomials of the steps have a `degree`. If `screening`, they are cubics, and their error is part
         of the noise. Return True if an event function has no value.

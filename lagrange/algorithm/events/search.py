@@ -1,7 +1,7 @@
-"""Zeros of events on one step, in order, up to the first that changes the motion.
+"""Zeros of event functions on one step, in order, up to the first that changes the motion.
 
-That zero must be isolated from all others in time. If an event starts at zero at the start of the motion, its value
-there is subtracted on the whole step. The result is divided by time: this removes the known zero, and the next zero may
+No other zero may be simultaneous with that one. If a function is zero at the start of the motion, its value there is
+subtracted on the whole step, and the result is divided by time. This removes the known zero, so that the next zero may
 be close to it.
 """
 
@@ -335,7 +335,7 @@ class ZeroSearch:
 
     @inline
     def leave_zero(self, e: int, known: int, error: float) -> tuple[bool, float]:
-        """Find the sign that event function `e` takes on after a zero at the start of the motion, by its slope.
+        """Find the sign of event function `e` after a zero at the start of the motion, by its slope.
 
         The sign is written to `signs`. Return True if the event is irregular, and the error of the slope. An
         event is irregular if it leaves zero in the direction in which it reached zero, or if its slope is zero

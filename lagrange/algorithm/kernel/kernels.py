@@ -5,7 +5,7 @@
     name(t, y, p, out)                 the results of a program at a time and a state
     name_by_value(t, y0, ..., p)       the same as values, for callers that keep a state in registers or in rows
 
-Each returns whether a matrix is singular to round-off; its results are then invalid.
+Each returns True if a matrix is singular within rounding; its results are then invalid.
 """
 
 from __future__ import annotations

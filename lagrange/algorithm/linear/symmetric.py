@@ -11,10 +11,10 @@ factors of `factor_pivoted` for kind 1.
 Elimination with pivoting is P A = L U with scaled partial pivoting, within a band: entries (i, j) with |i - j| above
 the `band` are zero. Entry (i, j) is at j*band + i, which for a band of n is a full matrix by columns. Row exchanges
 widen U to at most twice the band, so a long chain takes a time like n. The factors are those of the full matrix,
-rounding included. Units of coordinates and constraints decide nothing: sizes are those in units in which the diagonal
-is one, and the largest entry of each row without a diagonal entry. Factors take `pivoted_size` reals: [row scales (n),
-the row exchanged with each (n), column scales (n), preferences (n), columns]. A column stores the rows that may be
-filled, from row j - 2 band on. `column` is its offset, shifted so that its index is the row.
+rounding included. The units of coordinates and constraints do not matter: the matrix is scaled to a diagonal of one,
+and rows without a diagonal entry to a largest entry of one. Factors take `pivoted_size` reals: [row scales (n), the row
+exchanged with each (n), column scales (n), preferences (n), columns]. A column stores the rows that may be filled, from
+row j - 2 band on. `column` is its offset, shifted so that its index is the row.
 
 An inverse is computed in vectors of eight, and written by columns, which are `stride` reals apart, a multiple of eight.
 Entries after the n-th row are zero or undefined. A = L D L^T, then L D (L^T X) = I for all columns at once.
@@ -44,8 +44,8 @@ an inertia is: the inertia may be that of a light body, or only rounding.
 
 
 INDEFINITE = 2.0
-"""Largest entry beside a diagonal of ones for a nearly definite matrix. Above it rows are scaled by their largest
-entry.
+"""Largest off-diagonal entry, with a diagonal of ones, of a nearly definite matrix. Rows with larger entries are scaled
+by their largest entry.
 """
 
 

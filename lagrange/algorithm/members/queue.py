@@ -1,4 +1,4 @@
-"""Queue of members: each lane of a vector takes its next member when the last one has ended.
+"""Queue of the members of an ensemble: each lane of a vector runs its members one after the other.
 
 A lane is one entry of the vectors in which machine code runs several members at once. It runs the members whose
 index is the number of the lane, from 0 on, plus a multiple of the number of lanes. The results of a member
@@ -350,7 +350,7 @@ def observe(job: MemberJob, member: Member, t: float, results: Out, index: int, 
 
 @inline
 def without_sizes(outcome: int, member: Member, method: MemberMethod) -> int:
-    """Return the outcome of a step, but PAUSED for UNSCALED if the run can continue without size estimates.
+    """Return the outcome of a step, with PAUSED in place of UNSCALED if the run can continue without sizes.
 
     UNSCALED asks for estimates of the sizes of the state's entries. They would only raise the absolute
     tolerances, so without them steps are at most shorter. A run ends if it cannot begin without sizes, or if an
@@ -400,7 +400,7 @@ def end_member(job: MemberJob, member: Member, index: int, outcome: int, method:
 
 @inline
 def explained(outcome: int, run: Run, counts: Counts) -> int:
-    """Return the outcome of a run, or the cause if its steps became too small because trials failed.
+    """Return the outcome of a run. If failed trials made its steps too small, return the cause of these.
 
     The cause is the outcome of these trials, NON_FINITE or SINGULAR.
     """

@@ -1,4 +1,4 @@
-"""Along the run of a member: states by dense output, and extremes and means of expressions over time.
+"""Reductions along the run of a member: extremes and means of expressions over time, and states at output times.
 
 On each step an expression is evaluated at nine points of the dense output, including both ends. Its integral is that of
 Gauss-Lobatto's rule, which is exact for polynomials of degree 15. A maximum between points that may exceed all earlier
@@ -406,7 +406,7 @@ class RunReductions:
 
     @inline
     def accept(self, reduced: Reduced) -> None:
-        """Make the values in `reduced.tried` count, because the sampled step was accepted."""
+        """Replace the results by `reduced.tried`, because the sampled step was accepted."""
         for index in unrolled(self.sampled.size):
             reduced.now[index] = reduced.ahead[index]
         for k, (how, _) in enumerate(self.sampled.reductions):
@@ -510,10 +510,10 @@ def value_on_step(
 def raised(step: ExpressionOnStep, sign: float, before: float, samples: In, points: In) -> float:
     """Return the largest value of `sign` times an expression on a step, or `before` if that is larger.
 
-    `samples` are values of the expression at the `points`. A maximum is searched for near a point whose value
-    is not less than those of its neighbours. It is also searched for between an end of the step and the next
-    point, if the expression rises from the end but is not larger at the next point. That test takes one more
-    value.
+    `samples` are values of the expression at the `points`. A maximum is searched for near each point whose
+    value is not less than those of its neighbours. It is also searched for between an end of the step and the
+    next point, if the expression rises from the end but is not larger at the next point: a test that takes one
+    more value.
     """
     best = before
     for j in range(SAMPLE_POINTS):

@@ -1,8 +1,8 @@
 """Members that run by the steps of an explicit step program, with error control or with equal steps, and their events.
 
 Each accepted step is searched for events before the next. The samples and decisions are those on the blocks of single
-runs, in `lagrange.algorithm.events.search`. An irregular case, such as an event that is not resolved, ends the
-member here, and the member is run again alone.
+runs, in `lagrange.algorithm.events.search`. In an irregular case, such as an event that is not resolved, the member
+ends here, and is run again as a single run.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ from lagrange.program.step import StepProgram
 class StepEvents:
     """The event functions of members: `count` of them, which the procedure `values` evaluates.
 
-    If `screened`, cubics exclude events on most steps, as in single runs of methods with error control.
+    With `screened`, cubics exclude events on most steps, as in single runs of methods with error control.
     """
 
     values: Procedure
@@ -373,7 +373,7 @@ class StepMembers(MemberMethod):
         self.layout = Layout(step, dimension, block=1)
         self.steps = steps_of(self.layout)
         self.takes_all = dense is None and step.control is None
-        """True if all steps are taken in one call."""
+        """True if one call takes all steps."""
         self.path = None if dense is None else MemberStepPath.of(dense.kind, dense.column, dimension, "path_")
         path_form = polynomial_path.form(entries=tuple(range(dimension)), dimension=dimension)
         self.outputs = bound(states_on_step.form(), {"path": path_form}, prefix="path_")

@@ -1,4 +1,4 @@
-"""Members that run by Taylor series of one order."""
+"""Members of an ensemble that run by Taylor series of one order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loops over steps, equal or with error control: rejection, next length; and whole integrators by explicit methods.
+"""Loops over equal steps and over steps with error control: error norm, rejection, next length; exported integrators.
 
 The loops have the error norm, rejection, the next length, and the floors, which are the absolute tolerances of the
 entries of the state. Numbers of a method, such as the safety factor, are in `Control`, lagrange/program/step.py.
@@ -133,7 +133,7 @@ def reject(arguments: Running, cause: float, h: float, moved: bool, *, layout: L
 
 @inline
 def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> bool:
-    """Return True if the entry with the largest error in a trial step may be mere rounding of larger entries.
+    """Return True if the entry with the largest error in a trial step may be only rounding of larger entries.
 
     Its tolerance is then below `ROUNDED` times the largest entry of its kind, coordinate or velocity. `work`
     has the old and the new state, and the errors. `floors` are the absolute tolerances.
@@ -261,7 +261,7 @@ def is_finite(arguments: Running, layout: Layout, *, errors: bool) -> bool:
 LARGEST_CORRECTION = 100.0
 """Largest displacement, in tolerances, by which a projection onto constraints may end a step with error control. The
 step's distance from the constraints is part of its error, which is below one tolerance by estimate. A larger
-displacement is a change of the motion within the step that was not noticed.
+displacement means that the motion changed within the step.
 """
 
 ROUNDED_START, SHORTENINGS = 2.0**-20, 8

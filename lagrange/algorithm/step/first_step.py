@@ -52,12 +52,12 @@ too small.
 """
 
 NEEDS_SIZES = -1.0
-"""Result if the caller has to estimate the sizes of the entries first."""
+"""Result of `first_step` if the caller has to estimate the sizes of the entries first."""
 
 
 @procedure(noinline=True, arguments=running)
 def first_step(arguments: Running, span: float, direction: float, *, layout: Layout, control: Control) -> float:
-    """Return the length of the first step of a run, from the derivatives at three states, or NEEDS_SIZES.
+    """Return the length of the first step of a run, by the derivatives at three states, or NEEDS_SIZES.
 
     `span` is the duration of the run, positive, and `direction` its sign. NEEDS_SIZES: the caller must first
     estimate the sizes of the entries. Methods in momenta have no derivatives: the length is then a fraction of
@@ -132,7 +132,7 @@ def probe(arguments: Running, slopes: Slopes, move: float, layout: Layout) -> bo
 def squared_rates(
     arguments: Running, slopes: Slopes, trial: float, layout: Layout
 ) -> tuple[float, float, float, float]:
-    """Return the largest squared rate of doubtful accelerations, that of others, a stiffness, and the largest slope.
+    """Return four numbers: largest squared rate of doubtful accelerations, that of others, a stiffness, largest slope.
 
     A doubtful acceleration may be rounding of cancelling terms. The stiffness is the largest ratio of the
     sensitivity of such an acceleration to its coordinate. The sensitivities are written to `slopes`. `trial` is

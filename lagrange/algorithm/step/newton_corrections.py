@@ -27,7 +27,7 @@ from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Writable, each, fma, larger, smaller, unrolled
 
 MATRIX_AGE = 3
-"""A matrix may be rebuilt after this many corrections of one step, or after this many steps."""
+"""Number of corrections of one step, or of steps, after which a matrix may be rebuilt."""
 
 ROUND_OFF_FRACTION = 2.0**-6
 """Largest error of an unknown after an equal step, as a fraction of its rounding error. The remainder has the same sign
@@ -40,10 +40,10 @@ TOLERANCE_FRACTION = 0.02
 """Error of Newton's method in steps with error control, as a fraction of the tolerance."""
 
 SLOW_RATE = 0.25
-"""Rebuild the matrix when the contraction rate exceeds this."""
+"""Contraction rate of Newton's method above which the matrix is rebuilt."""
 
 DIVERGENCE_RATE = 0.9
-"""With error control, shorten the step when the contraction rate exceeds this."""
+"""Contraction rate above which a step with error control is shortened."""
 
 RATE_INCREASE, LARGEST_RATE = 1.2, 0.9
 """A step that converges at once does not measure the contraction rate. The stored rate is then multiplied by the first
@@ -54,16 +54,16 @@ LEAST_RATE = 1e-4
 """Lower bound of the stored contraction rate: one good correction does not predict the next one."""
 
 FRESH_RATE = 1e-3
-"""With error control, the next step begins with a new matrix when the contraction rate exceeds this.
+"""Contraction rate above which the next step begins with a new matrix, with error control.
 
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
 """
 
 FEW_CORRECTIONS = 2
-"""If an equal step needs more corrections than this, the next step begins with a new matrix."""
+"""Largest number of corrections of an equal step after which the next step keeps the matrix."""
 
 LARGEST_MATRIX_AGE = 64
-"""Rebuild the matrix of equal steps after this many steps, even if it converges.
+"""Number of equal steps after which the matrix is rebuilt, even if Newton's method converges.
 
 Otherwise a matrix that has become singular would not be noticed.
 """
@@ -76,7 +76,7 @@ The norm is in units of the estimated round-off.
 """
 
 DIVERGENCE_GROWTH = 2.0
-"""Give up when large corrections grow by this factor with a new matrix.
+"""Growth of large corrections, with a new matrix, at which the iteration ends.
 
 The iteration might end at another root.
 """

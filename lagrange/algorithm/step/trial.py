@@ -1,4 +1,4 @@
-"""One trial step of a step program, the projection of its end onto constraints, and what an accepted step writes."""
+"""One trial step of a step program, the projection of its new state, and the record of an accepted step."""
 
 from __future__ import annotations
 

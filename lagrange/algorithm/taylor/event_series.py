@@ -1,10 +1,10 @@
-"""The series of a watched function on a Taylor step: its rounding noise, accurate range and sign.
+"""Series of a watched function on a Taylor step: rounding noise, accurate range, sign, and tests for zeros.
 
 A watched function is an event function or a switching surface. Three tests use its series. First, the
-coefficients may show that the function keeps its sign; then it is excluded. Second, the sums of its terms
-usually decide that it has one zero, or none. Third, the sign at the end of a step must agree with the series. A
-function that saturates, such as erf(x), looks constant where it is flat, and its series does not show a slope
-further ahead. The next series begins with the exact value, which reveals the error.
+coefficients may show that the function keeps its sign. Second, the sums of its terms usually show that it has
+one zero or none. Third, the sign at the end of a step must agree with the series. A function that saturates,
+such as erf(x), looks constant where it is flat, and its series does not show a slope further ahead. The next
+series begins with the exact value, which shows the error.
 """
 
 from __future__ import annotations
@@ -390,7 +390,7 @@ def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> 
 
 @inline
 def column_of(view: WatchedView, i: int) -> tuple[bool, In]:
-    """Return two results for watched function i: True if its coefficients are finite, and the coefficients.
+    """Return (True if finite, coefficients) for the series of watched function i.
 
     They are copied to adjacent memory if that was not done before.
     """

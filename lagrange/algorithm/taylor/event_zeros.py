@@ -226,7 +226,7 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
 
 @inline
 def verified_length(step: InspectedStep, length: float, view: WatchedView) -> float:
-    """Return a length, at most `length`, at the end of which the watched functions agree with their series.
+    """Return the step length, at most `length`, at whose end the watched functions agree with their series.
 
     `step` is the step that is shortened to this length, in units of the time scale.
     """

@@ -1,4 +1,4 @@
-"""The loop over Taylor steps: compute the series at the state, test the defect of the last step, take the next step.
+"""Loop over Taylor steps: compute the series at the state, test the defect of the last step, take the next step.
 
 A step has a length that follows from its series, in a suitable unit of time, and ends at zeros of watched functions.
 """
@@ -70,9 +70,9 @@ Infinity, as 2**1024 tolerances, gives a step of 2**-51 at order 20.
 """
 
 LONGER_SCALE, SHORTER_SCALE = 20.0, -40.0
-"""Powers of two by which the scale changes if the last coefficients are zero, and if one has overflowed. At orders up
-to 32 they change the last coefficient by 2**640 and 2**-1280. That is less than the range between zero and overflow: no
-change skips the suitable scales.
+"""Powers of two by which the scale of time changes if the last coefficients are zero, and if one has overflowed. At
+orders up to 32 they change the last coefficient by 2**640 and 2**-1280. That is less than the range between zero and
+overflow: no change skips the suitable scales.
 """
 
 SHORTEST_SCALE = 1e-280

@@ -1,4 +1,4 @@
-"""Apply the event at which a Taylor step has ended: reset the state, or cross a switching surface.
+"""Events at the end of a Taylor step: reset of the state, or crossing of a switching surface.
 
 The side of zero of a watched function (event function or switching surface) is its sign, 1 or -1.
 """

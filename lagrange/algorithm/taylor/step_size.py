@@ -1,4 +1,4 @@
-"""The size of a Taylor step from the last rows of its series, and the defect test of the step.
+"""Size of a Taylor step by the last rows of its series, and defect test of the step: acceptance or rejection.
 
 The truncation error of a series of order p, relative to its tolerance, is about the size of its last rows, the
 coefficients of the highest orders. The step keeps both rows below one. The growth of the rows gives the radius of

@@ -1,7 +1,7 @@
-"""The watched functions of a Taylor run (switching surfaces, event functions) and the arguments of its loop.
+"""Watched functions of a Taylor run (switching surfaces, event functions); arguments of the loop over steps.
 
-The series of these functions follow the series of the state in each row. The loop handles regular zeros. For
-all other zeros the driver returns, with nothing changed.
+In each row of the series, the coefficients of these functions follow those of the state. The loop handles
+regular zeros. For all other zeros the driver returns, with nothing changed.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ zeros.
 
 
 def _begins(array: str, sizes: Mapping[str, int], end: str = "") -> dict[str, tuple[str, int]]:
-    """Return where the parts of an array begin for one watched function, as {part: (name of the array, begin)}.
+    """Return the begin of each part of an array for one watched function: {part: (name of the array, begin)}.
 
     `sizes` has the number of entries of each part for one function. `begin` is the sum of the sizes of all
     parts before it. `end` is a name for the part after the last one.
@@ -255,10 +255,7 @@ class WatchedView:
 
     @property
     def numbers(self) -> Any:
-        """The parameters of the watched functions, with all values that depend on them and the sides.
-
-        The sides are the present signs of the functions of switching surfaces.
-        """
+        """The parameters of watched functions, and the values that depend on them and the present sides (signs)."""
         return self.watched.value_numbers[self.watched.watch.numbers :]
 
     @inline

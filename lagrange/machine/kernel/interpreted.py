@@ -329,7 +329,7 @@ def lower_places(size: int) -> list[tuple[int, int]]:
 def symmetric(size: int, places: Iterable[tuple[int, int]], entries: Iterable[Any], dtype: Any = float) -> NDArray[Any]:
     """Return the symmetric matrix (size, size) with `entries` at the `places` (row, column) of its lower triangle.
 
-    All other entries are zero. Of `entries` only as many are read as there are places.
+    All other entries are zero. Only the first entries are read, one for each place.
     """
     full = np.zeros((size, size), dtype)
     for (i, j), entry in zip(places, entries, strict=False):

@@ -403,7 +403,7 @@ class LlvmKernel(Shared):
 
     @cached_property
     def _lanes(self) -> int:
-        # The stack has no space for the working memory of a large linear system in eight lanes.
+        # The working memory of a large linear system in eight lanes does not fit on the stack.
         largest = max((i.order for i in self.program.instructions if i.op == "factor"), default=0)
         return lanes() if largest <= 64 else 1
 

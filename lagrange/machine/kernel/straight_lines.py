@@ -1,4 +1,4 @@
-"""Print a program as straight-line Python: on floats for one state, on NumPy rows for blocks of many.
+"""Print a program as Python without loops: on floats for one state, on NumPy rows for blocks of many states.
 
 The text has an outer and an inner function, printed from procedures of `algorithm.kernel`, which LLVM also compiles.
 The outer one takes the parameters and computes all values that depend on them alone. It contains the inner one, which
@@ -180,10 +180,7 @@ class _Floats(Printer):
 
     @visits(form.Let)
     def let(self, let: form.Let) -> None:
-        """Print an operation: in the outer function if it depends on parameters alone, else in the inner one.
-
-        The outer function takes the parameters, and the inner function the time and the state.
-        """
+        """Print an operation: in the outer function if it depends on parameters alone, else in the inner one."""
         fixed = all(arg in self.fixed for arg in let.args)
         if fixed:
             self.fixed[let.ref] = None
@@ -274,8 +271,8 @@ class _Checked(_Floats):
 class _RowPrinter(_Floats):
     """Prints a procedure as NumPy operations on rows, which are arrays with one number for each state.
 
-    A result is written to its own row. Another operation writes to the row of an operand that is not read later, or
-    to a free row. So there are few working rows: a block of states fits the cache, and few rows are copied.
+    Each result has a row. Any other value is written to the row of an operand that is not read later, or to a free row.
+    So there are few working rows: a block of states fits the cache, and few rows are copied.
     """
 
     suffix, arguments = "_columns", "t, y, out, b"

@@ -55,7 +55,7 @@ class Emitter:
         return name
 
     def cut(self) -> None:
-        """Begin another basic block (instructions without a branch), since LLVM compiles long ones slowly.
+        """Begin another basic block (instructions without a branch), because LLVM compiles long blocks slowly.
 
         The branch to it depends on a value that LLVM cannot know, since LLVM would join the two blocks otherwise.
         """
@@ -73,7 +73,7 @@ class Emitter:
         self.label(name)
 
     def do(self, text: str) -> None:
-        """Emit an instruction that has no result."""
+        """Emit an instruction without a result."""
         self.lines.append("  " + text)
 
     def reserve(self, kind: str, count: int = 1) -> str:

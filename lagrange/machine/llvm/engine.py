@@ -61,7 +61,7 @@ class ObjectCode:
             self._taken = 0
 
     def of(self, text: str, how: str, compiled: Callable[[], bytes]) -> bytes:
-        """Return the object code of an IR text from the cache. If it is not there, call `compiled` for it.
+        """Return the object code of an IR text from the cache. If it is missing, call `compiled` for it.
 
         `how` names the compile options. It is part of the key of the cache.
         """
@@ -140,7 +140,7 @@ class Module(Shared):
 
 
 def provide(procedures: Sequence[Procedure], code: Module) -> Module:
-    """Make the procedures of a module known by name to modules that are loaded later, and return the module."""
+    """Register the procedures of a module by name for modules that are loaded later, and return the module."""
     for procedure in procedures:
         llvm.add_symbol(procedure.name, code.address(procedure.name))
     return code

@@ -119,7 +119,7 @@ class Tracer(Names):
         return EachBlock(self, self.number(count, WHOLE, "the count of `each`"), options, disjoint=disjoint)
 
     def leave(self, value: Any) -> None:
-        """Add the return from the procedure, with its result, a tuple of results, or None."""
+        """Add the return from the procedure; `value` is its result, a tuple of results, or None."""
         values = () if value is None else value if isinstance(value, tuple) else (value,)
         if len(values) != len(self.results):
             raise Error(f"the procedure must return {len(self.results)} values, not {len(values)}.")
@@ -369,7 +369,7 @@ class Tracer(Names):
             raise Error(f"`each` cannot contain the call of {callee}: use `range`.")
 
     def _of_values(self, function: Any, args: Sequence[Any], options: Mapping[str, Any]) -> Any:
-        """Return the result of a Python function, such as `max`, for arguments known at run time only."""
+        """Return the result of a Python function such as `max`, for arguments that are known at run time only."""
         if function is float:
             return self.p.real(*args)
         if function is int:

@@ -35,7 +35,7 @@ class Missing:
 
 @dataclasses.dataclass(frozen=True)
 class Weighed:
-    """A condition that was passed to the function likely or unlikely; `likely` is true for the former."""
+    """A condition that the function marked as `likely` (true) or unlikely (false)."""
 
     condition: Any
     likely: bool
@@ -93,7 +93,7 @@ def is_varied(value: Any) -> bool:
 
 
 class Names:
-    """The part of the tracer, which builds a procedure, that manages Python names and their values."""
+    """Base class of the tracer: manages the Python names of a procedure and their values."""
 
     missing = Missing
 
@@ -165,7 +165,7 @@ class Names:
         return value
 
     def varied(self, name: str, value: Any) -> Any:
-        """Return a new variable that has the number `value` at first. Its Python name is set in a branch or loop.
+        """Return a new variable with the first value `value`, for the Python name `name` that a branch or loop sets.
 
         A tuple of numbers gives a tuple of variables. Other objects are returned unchanged.
         """
@@ -224,10 +224,7 @@ class KnownBlock:
         raise Ended
 
     def after(self) -> Sequence[Any]:
-        """Return the values of the Python names after the block; `Missing` for a name without a value.
-
-        The names are those that were passed to `open`.
-        """
+        """Return the values after the block of the names passed to `open`; `Missing` for a name without a value."""
         return self.values
 
 
@@ -279,10 +276,7 @@ class Block:
         return self.before
 
     def after(self) -> Sequence[Any]:
-        """Return the values of the Python names after the block; `Missing` for a name without a value.
-
-        The names are those that were passed to `open`.
-        """
+        """Return the values after the block of the names passed to `open`; `Missing` for a name without a value."""
         self.tracer.open_variables = self.outer
         pairs = zip(self.names, self.before, strict=True)
         return [Missing(name, self.where) if i in self.lost else old for i, (name, old) in enumerate(pairs)]

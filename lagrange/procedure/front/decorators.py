@@ -1,4 +1,4 @@
-"""Decorators that declare a plain Python function as a procedure or to be inlined, and their cache on disk.
+"""Decorators `procedure` and `inline` for plain Python functions, and a cache on disk of rewritten functions.
 
 Parsing and rewriting a function takes 0.9 ms, and an integration method has up to a hundred functions. Rewritten
 functions of this package are therefore stored beside the byte code of their modules. A stored file is used only if its
@@ -89,8 +89,8 @@ def _stored(file: str) -> _Stored | None:
 def rewritten_code(function: FunctionType, *, inlined: bool) -> CodeType:
     """Return the code object of a plain function, rewritten by `rewriting` to build a procedure.
 
-    It is taken from the cache file of the function's module if that has it. `inlined` is true for a function that is
-    inlined into its callers. Raises LagrangeError if the function cannot be rewritten.
+    The cache file of the function's module is used if it has the code. `inlined` is true for a function that is inlined
+    into its callers. Raises LagrangeError if the function cannot be rewritten.
     """
     code = function.__code__
     FILES.add(code.co_filename)

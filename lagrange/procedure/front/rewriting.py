@@ -1,4 +1,4 @@
-"""Rewrite the syntax tree of a plain function to a function that passes each step to a receiver.
+"""Rewrite a plain function so that it passes each of its steps to a receiver, which builds the procedure.
 
 The receiver is the first argument, `_t`: a `building.Tracer`, which makes statements of the form. Operations of the
 values themselves (a + b, a < b, attributes) are unchanged. Control flow, names that branches and loops set, division,
@@ -63,7 +63,7 @@ def named(name: str) -> ast.expr:
 
 
 def told(method: str, *args: ast.expr | str | int, of: str = RECEIVER) -> ast.Call:
-    """Return the syntax tree of a call `of.method(*args)`, by default of the tracer. Texts become constants."""
+    """Return the syntax tree of the call `of.method(*args)`; `of` is by default the tracer. Texts become constants."""
     arguments = [arg if isinstance(arg, ast.expr) else ast.Constant(arg) for arg in args]
     return ast.Call(ast.Attribute(named(of), method, LOAD), arguments, [])
 
@@ -550,7 +550,7 @@ def single_exit(tree: ast.FunctionDef) -> list[ast.stmt]:
 
 
 class FinalReturn(ast.Return):
-    """The final return of an inlined function, which remains a `return` in the rewritten function."""
+    """Final return of an inlined function. It remains a `return` in the rewritten function."""
 
 
 def _native(statement: ast.stmt) -> ast.stmt:

@@ -1,4 +1,4 @@
-"""States on the constraints: `System.consistent`, checked initial states, and the warning if a run's end is off."""
+"""States on the constraints: `System.consistent`, tests of initial states, and a warning for violations at the end."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
 
 
 def _held(key: Any, coordinates: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the entries of the state that determine a rotation R, or its rates R.body or R.space; else (key,).
+    """Return the entries of the state that determine `key`, a rotation R or its rates R.body or R.space; else (key,).
 
     The rates depend on the entries of the quaternion and on their velocities.
     """
@@ -176,8 +176,7 @@ def violation(
     at_turn = np.abs(rates.values) <= LARGEST_VIOLATION * (np.abs(rates.gradient) @ fastest)
     if positions.largest <= LARGEST_VIOLATION and at_turn.all():
         return ""
-    # In a structure that cannot move, velocities are rounding errors. During `duration` they move no coordinate by more
-    # than rounding.
+    # In a structure that cannot move, velocities are rounding: during `duration` they move no coordinate noticeably.
     sizes = np.abs(rates.gradient) @ (np.abs(units * q).max(initial=0.0) / units)
     if positions.largest <= ON_SURFACE and (np.abs(rates.values) * duration <= ON_SURFACE * sizes).all():
         return ""

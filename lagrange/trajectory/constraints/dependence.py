@@ -1,10 +1,10 @@
-"""Constraints that are dependent at a state, at all nearby states that satisfy them, or on the way of a run.
+"""Linearly dependent constraints: at a state, at all nearby states on the constraints, or along a run.
 
 Two motions may cross at a configuration with dependent constraints. For example, a parallelogram linkage continues as a
 parallelogram, or with crossed rods. A long step over the crossing follows the smooth motion, but short steps towards
-the crossing may not. The constraints are violated by some e, from rounding and the tolerance. Near the crossing the two
-motions are only sqrt(e) apart, so e decides which of them the run follows. Where s is the least singular value of the
-constraints relative to the start, the violation e changes velocities by the fraction e / s**2.
+the crossing may not. The constraints are violated by some e, from rounding and the tolerance. Near the crossing the
+distance of the two motions is only sqrt(e), so e decides which of them the run follows. Where s is the least singular
+value of the constraints relative to the start, the violation e changes velocities by the fraction e / s**2.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Velocities on y = abs(x) jump at x = 0, and the constraint does not define them after the corner. A step over such a
 corner is projected onto the constraints on the other side, without any error. A constraint that is nonlinear in the
-velocities restricts nothing where all its derivatives by them are zero: where x.dot**2 + y.dot**2 = (1 - t)**2 reaches
-0, every direction is possible.
+velocities restricts nothing where all its derivatives by them are zero. For example, where x.dot**2 + y.dot**2 = (1 -
+t)**2 reaches 0, every direction is possible.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class Discontinuities:
         )
         with np.errstate(all="ignore"):
             over, beside = after.change(near), np.maximum(near.change(before), far.change(after))
-            # First the constraints phi, then psi with their gradients G, one column for each step.
+            # Rows: the constraints phi, then psi with their gradients G. One column for each step.
             jumping = over > CONTINUOUS * beside + CHANGE_NOISE
         # The velocity of a coordinate without inertia jumps with a force in its equation, and the motion goes on.
         jumping[len(jumping) - self.residuals.settled :] = False

@@ -1,4 +1,4 @@
-"""The projection of a state onto the constraints of its model, and the errors if it does not exist."""
+"""Projection of a state onto the constraints of its model, and the error messages if there is no such state."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ MOST_CASES = 1024
 
 TURNS, LEAST_TURN = 300, 2.0**-12
 """Largest number of iterations for the direction in which a body begins to slide in a plane, and the least relaxation
-factor. It is halved if a direction overshoots, as among many contacts and near the edge of the cone."""
+factor. This factor is halved if a direction overshoots, as with many contacts or near the edge of the cone."""
 
 TURNS_BETWEEN = 20
 """Number of iterations after which only the combinations that obey all laws count, if there are any."""

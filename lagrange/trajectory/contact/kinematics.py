@@ -1,4 +1,4 @@
-"""Gaps and slips at a state, when they count as zero, and the rates that contact forces and impulses cause."""
+"""Gaps and slips of contacts at a state, the thresholds below which they are zero, and the effect of contact forces."""
 
 from __future__ import annotations
 
@@ -231,7 +231,7 @@ class Kinematics:
         return [row for mine, state in pairs if state != OPEN for row in (mine if state == STICKING else mine[:1])]
 
     def closed(self, touch: Touch, contacts: Sequence[int], unchanged: Sequence[int] = ()) -> FloatArray:
-        """Return the state of `touch` changed so that the gaps of `contacts` (indices) are closed, by one Newton step.
+        """Return the state of `touch` with the gaps of `contacts` (indices) closed by one Newton step.
 
         The change is the least, measured by the kinetic energy. The gaps of `unchanged` contacts do not change.
         """

@@ -78,7 +78,7 @@ class Mode:
         return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(states))
 
     def going(self, which: int, way: int) -> Mode:
-        """Return this mode, but with contact `which` sliding in direction `way`, 1 or -1, or sticking if `way` is 0."""
+        """Return a copy of this mode: contact `which` slides in direction `way`, 1 or -1, or sticks if it is 0."""
         states, ways = list(self.states), list(self.ways)
         states[which], ways[which] = SLIDING if way else STICKING, way or None
         return replace(self, states=tuple(states), ways=tuple(ways))

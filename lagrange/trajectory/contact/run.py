@@ -109,8 +109,8 @@ class Bounces:
 
 
 RECENT, HURRIED = 100, 1e-4
-"""Number of changes of the mode by which a run is judged that used up a limit, and the mean time between them, as a
-fraction of the span, below which they are the cause."""
+"""Test for the cause of a run that used up a limit: number of changes of the mode, and the mean time between them, as a
+fraction of the span, below which these changes are the cause."""
 
 SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
 """Least number of times in a segment at which open gaps are tested; and the overlap that shows a missed impact, as a
@@ -312,7 +312,7 @@ class _ContactRun:
         part = self.part
         part = self.part = with_fields(part, t_events=part.t_events[:users], y_events=part.y_events[:users])
         if friction is not None and not part.status.complete:
-            # The message names coordinates of the system only.
+            # The message must name coordinates of the system only.
             at_end = part.status, self.problem, part.span[1], last_state(part)
             self.part = replace(part, message=message(*at_end, part.method, rtol=part.rtol))
         return changes
@@ -326,7 +326,7 @@ class _ContactRun:
         if self.problem.t_eval is not None or len(times) < SAMPLES:
             times = np.linspace(*part.span, SAMPLES + 1)[1:]
             states = part.dense(times)
-        # Count from the end, so that the last state is tested.
+        # Negative, to count from the end: the last state is tested.
         stride = -(len(times) // SAMPLES)
         gaps, near = self.kinematics.gaps(times[::stride], states[:, ::stride])
         deepest = max(OVERLAP, ERRORS * (self.problem.rtol or 0.0)) / TOUCHING * near

@@ -116,7 +116,7 @@ class Transitions:
             speed = max(-float(touch.rates[normals[i]]) for i in closing)
             y, impacts = self._impact(touch, touching, plastic)
             touch, rates = kin.at(touch.t, y, touch), touch.rates
-            # A slip that stopped or began at this instant does not any more, if the impact changed it.
+            # A slip that the impact changed neither stops nor begins at this instant.
             changed = set(kin.owners[np.abs(touch.rates - rates) > touch.noise].tolist())
             end = end._replace(stopping=tuple({*end.stopping} - changed))
             ways = {i: way for i, way in ways.items() if i not in changed}
@@ -160,7 +160,7 @@ class Transitions:
         self._check_law_of_impacts(touch, touching)
         most = MOST_IN_SEQUENCE if kin.model.statement.simultaneous == SEQUENCE else 0
         rates, impulses, lost = touch.rates, np.zeros(len(touch.rates)), np.zeros(len(touch.rates))
-        # One contact at a time, up to `most` times. Then all at once: without restitution after a sequence.
+        # One contact at a time, up to `most` times; then all at once, without restitution after a sequence.
         for collision in range(most + 1):
             approaching = self._approaching(touch, touching, rates)
             if not approaching:
@@ -279,7 +279,7 @@ class Transitions:
                     ways[i] = round(float(way[0])) if len(way) == 1 else None
         in_plane = any(len(way) > 1 for way in slides.values())
         if in_plane and not self._slowest:
-            # Bodies at rest have no speeds to compare with, but those that they reach early in the run.
+            # The scale for bodies at rest is the speed that they reach early in the run.
             self._slowest = self._slow_share / RATE_NOISE * float(touch.noise.max())
             self._slowest = self._slowest or self._slow_share * float(terms.max()) * self._moment
         mode = Mode(tuple(states), tuple(ways), slowest=self._slowest if in_plane else 0.0)

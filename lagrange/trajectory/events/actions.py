@@ -1,4 +1,4 @@
-"""Events of a run as expression nodes: directions that count, terminal counts, and resets as compiled functions."""
+"""Events of a run as expression nodes: directions, terminal counts, and resets as compiled functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The zeros of an event function along one step of a step program: each once, in order, with the sign at the end.
+"""Search on arrays for the zeros of an event function on one step: each once, in order, with the sign at the end.
 
 The function is sampled at Chebyshev points of subintervals. A subinterval is halved until its Chebyshev series
 resolves the function, so that the last coefficients are at rounding level. Source: L. N. Trefethen, Approximation
@@ -216,8 +216,8 @@ class StepZeros:
 
     `parts` are pairs of a polynomial on a part of the step and the side (sign of the function) before this part.
     `after` is the side at the end of the step. `until` is the fraction of the step from which the function has no
-    value, else infinity. `leaving` concerns a function that starts at zero: its sign just after the start (0 if it
-    stays zero), and the lowest power of time in it.
+    value, else infinity. For a function that starts at zero, `leaving` has its sign just after the start (0 if it stays
+    zero) and its lowest power of time.
     """
 
     parts: tuple[tuple[LocalPolynomial, Side], ...]

@@ -1,4 +1,4 @@
-"""The compiled loop over steps with events: when it is compiled, and the memory that it shares with its caller."""
+"""Compiled loop over steps with events: the decision to compile it, and the memory that it shares with its caller."""
 
 from __future__ import annotations
 
@@ -108,8 +108,8 @@ class WatchedEvents:
     ) -> None:
         """Write the signs of the event functions and the counts of events to the memory of the compiled loop.
 
-        `zero_sides` has the sign (side of zero) of each function. `occurrences` has those of each event so far. From
-        them follows how often the event may still occur before the caller has to act. `zero_sizes` maps each event that
+        `zero_sides` has the sign (side of zero) of each function. `occurrences` has those of each event so far. The
+        number of further occurrences until the caller has to act follows from them. `zero_sizes` maps each event that
         counts as zero at the start of a smooth piece of motion to the size of its function there. `zeros` maps each
         event that has just occurred to the direction of its zero.
         """

@@ -1,4 +1,4 @@
-"""Occurrences of events so far, and tests for events that occur so often that time does not advance."""
+"""Occurrences of events so far, and tests for accumulating events, with which time does not advance."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class Breaks:
 
 
 def until_end(events: Sequence[ModelEvent], occurrences: Sequence[Occurrences]) -> list[int]:
-    """Return the number of occurrences after which each event ends the run, beyond those so far; 0 for never."""
+    """Return the number of further occurrences after which each event ends the run; 0 for never."""
     return [max(event.terminal - len(earlier), 0) for event, earlier in zip(events, occurrences, strict=True)]
 
 
@@ -180,7 +180,7 @@ class EventLog:
 class ChangeCounter:
     """Counts changes of the motion, such as resets, that happen at nearly one time.
 
-    Many of them mean that the run does not advance.
+    Too many of them mean that the run does not advance.
     """
 
     def __init__(self) -> None:

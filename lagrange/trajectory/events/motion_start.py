@@ -1,4 +1,4 @@
-"""Event functions at the start of a smooth piece of motion: the side of zero of each, and contacts that act at once.
+"""Event functions at the start of a smooth piece of motion: their known signs (sides), and contacts that act at once.
 
 The side is the known sign of an event function between two points, never the sign of a value within rounding of zero:
 
@@ -125,11 +125,11 @@ def zero_size(batch: StepBatch, step: int, index: int, span: float) -> float:
 
 
 def resting_contacts(begun: MotionStart, events: Sequence[ModelEvent], sample: Sample) -> set[int]:
-    """Return the indices of the contacts that are at rest on the first step of a motion.
+    """Return the indices of the contacts that are at rest on the first step of a smooth piece of motion.
 
     The function of such a contact is zero at the start without a new event, and changes only by rounding on the step
-    `sample`. An example is a ball that has given its velocity to the next ball and lies beside it. `begun` describes
-    the start, and `events` are all events.
+    `sample`. Example: a ball that has transferred its velocity to the next ball and touches it. `begun` describes the
+    start, and `events` are all events.
     """
     margins = {i: 4 * size for i, size in begun.zero_sizes.items() if i not in begun.zeros and events[i].contact}
     moves = np.abs(sample.values - sample.values[:, :1]).max(axis=1)

@@ -1,4 +1,4 @@
-"""The watcher of a run by a step program: it finds events on steps, on arrays, and records or applies them.
+"""Watcher of a run by a step program: find events on steps, on NumPy arrays, and record or apply them.
 
 The steps are reviewed, that is, searched for events on their dense output. If an event resets the state or ends the
 run, the run is set back to it. `EventDriver` takes the steps and calls this watcher.
@@ -90,13 +90,13 @@ class StepWatch(EventLog):
         self.fixed = fixed
         self.breaks = Breaks(len(problem.y0))
         self.change_counter = ChangeCounter()
-        # The last reset of the state: how many there were, its time, and the number of steps before it.
+        # Resets of the state: their number, the time of the last one, and the number of steps before it.
         self.jumps, self.changed, self._changed_at = 0, problem.t0, 0
         self._intervals = ResetIntervals()
         # The start of the present motion; None after its first step.
         self._start: MotionStart | None = MotionStart(first=True)
-        # By event: the side of zero before the next step; values at a start at zero, which are subtracted; sizes of
-        # values that count as zero after a reset; and the events whose functions stay zero.
+        # For each event: the side of zero before the next step; the value at a start at zero, which is subtracted; the
+        # size that counts as zero after a reset. Then the events whose functions stay zero.
         self._sides = [Side()] * len(self.events)
         self._levels: dict[int, float] = {}
         self._zero_sizes: Mapping[int, float] = {}
@@ -358,7 +358,7 @@ class StepWatch(EventLog):
         mine = {zero.which: zero for zero in reversed(simultaneous)}
         before = [zero for zero in zeros if zero.root.time < s - close and zero not in simultaneous]
         for i, step_zeros in traces.items():
-            # A contact within its noise of zero keeps its side, and may act after this change.
+            # A contact within its noise of zero keeps its side: it may act after this change.
             step_roots, side = ended(step_zeros, s, self._isolate, decided=not self.events[i].reset)
             self._sides[i] = side
             at_end = [root for root in step_roots if root.time >= s - close]
@@ -390,8 +390,8 @@ class StepWatch(EventLog):
         smooth = [zero for zero in zeros if not zero.root.jump]
         along = math.copysign(1.0, self.problem.t1 - self.problem.t0)
         through = wrong_side_reset(self._rates(), smooth, self.parameters, state.t, (before, after), along)
-        # The end of a flight of one step follows from its velocity. Only in a longer flight the height is searched, and
-        # it may be within its rounding noise.
+        # The end of a flight of one step follows from its velocity. Only in a longer flight is the height searched for
+        # zeros; it may be within its noise.
         several = state.count(S.STEPS) > self._changed_at + 1
         unseen = several and any(zero.which in self._levels for zero in zeros)
         if self._intervals.idle(abs(state.t - self.changed), unseen=unseen):

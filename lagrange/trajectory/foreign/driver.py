@@ -1,4 +1,4 @@
-"""Solvers of other packages, driven step by step, so that every run ends and every failure has a message."""
+"""Loop over the steps of solvers of other packages, so that every run ends and every failure has a message."""
 
 from __future__ import annotations
 
@@ -360,7 +360,7 @@ class SolverDriver:
     def _begin(self, state: DriverState) -> Stepper | None:
         """Return a new solver that starts at the driver's state, or None if the right-hand side has a fault there."""
         law, t, y, steps = self._law, state.t, state.y.copy(), state.count(S.STEPS)
-        # Otherwise flights between contacts that are shorter than the solver's first step would get its length.
+        # Otherwise a flight between contacts that is shorter than the solver's first step would be stepped over.
         requested = abs(float(state.reals[S.H]))
         first = requested if requested and steps == self._begun + 1 else np.inf
         del self._plan.interpolants[steps:]

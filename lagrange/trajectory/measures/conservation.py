@@ -1,4 +1,4 @@
-"""Energy along a run: the test of its conservation, and its drift; the drift of the momenta that are conserved."""
+"""Energy along a run: test of its conservation (status UNRELIABLE), and drift, also of conserved momenta."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta methods, any tableau: fixed step, or adaptive where the tableau has an error estimate."""
+"""Explicit Runge-Kutta methods by tableau: equal steps, or adaptive steps if the tableau has an error estimate."""
 
 from __future__ import annotations
 

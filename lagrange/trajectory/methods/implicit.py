@@ -1,4 +1,4 @@
-"""Implicit methods: step functions that solve for their slopes, one formula for each method.
+"""Implicit methods with equal steps (Euler, trapezoidal, Gauss, BDF2): step functions that solve for their slopes.
 
 A step function step(f, t, y, h, solve) returns the state at t + h. f(t, y) is the slope of the state y, and
 solve(residuals, guess) returns the unknowns for which the function `residuals` is zero.

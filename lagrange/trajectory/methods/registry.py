@@ -1,4 +1,4 @@
-"""All methods by name: those of this package, and those of installed packages by entry point."""
+"""Table of all methods by name: built-in, registered by the user, and those of installed packages by entry point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tolerances and step sizes of a run: checks of the user's values for a method, and the default number of steps.
+"""Tolerances and step sizes of a run: checks of the user's values, and the default number of equal steps.
 
 The default relative tolerance is in `statement/run_settings.py`, the default absolute one (`FLOOR_SHARE`) in
 `trajectory/integrator.py`.
