@@ -70,7 +70,7 @@ def project(
 
     The outcome is UNPROJECTED if the constraints are still violated, else DONE. The callback `corrections`
     computes [dq, dv], the relative violation, and the violation that would remain; `numbers` are its
-    parameters, followed by the values that depend on them alone. With a singular matrix the outcome is DONE,
+    parameters, followed by the values that depend only on them. With a singular matrix the outcome is DONE,
     because the next step reports the matrix. `lost` is the rounding error of each entry of the state; it is
     updated, because corrections are added with compensation. Memory is accessed in blocks of `block` numbers.
     """
@@ -102,7 +102,7 @@ def starts_on_constraints(
     With `relations` some velocities follow from the constraints, and only the violation of the other constraints
     is limited. The state is then moved onto all constraints; the result is False if that fails. The callback
     `corrections` computes the correction of a state and its violation; `numbers` are its parameters, followed by
-    the values that depend on them alone. With a singular matrix the result is True, because the first step
+    the values that depend only on them. With a singular matrix the result is True, because the first step
     reports the matrix.
     """
     move = reals(dimension + 3 + MOST_WRITTEN_BEYOND)

@@ -86,7 +86,7 @@ class Kernel(Protocol):
 class Callback(NamedTuple):
     """A kernel as a function that procedures call. `function` is its address or a Python function.
 
-    `numbers` are the kernel's parameters, followed by all values that depend on them alone.
+    `numbers` are the kernel's parameters, followed by all values that depend only on them.
     """
 
     function: Any
@@ -239,7 +239,7 @@ class SeriesCode(Protocol):
     def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
         """Return one array with all numbers that a run needs, and the lengths of its three parts.
 
-        The parts are the parameters of the series with all values that depend on them alone, the constants, and the
+        The parts are the parameters of the series with all values that depend only on them, the constants, and the
         parameters of the event functions. `values` is the kernel of the event functions, or None. Raises
         SingularMassMatrix.
         """

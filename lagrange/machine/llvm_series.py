@@ -304,7 +304,7 @@ class CompiledJet:
     def numbers(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the numbers that the code reads and that do not change along a run, as two arrays.
 
-        The first has the parameters and all numbers that depend on them alone. The second is a single zero that the
+        The first has the parameters and all numbers that depend only on them. The second is a single zero that the
         code does not read: the loop over steps expects two arrays. Raises SingularMassMatrix.
         """
         key, known = parameters.tobytes(), self._prepared
@@ -351,7 +351,7 @@ def layout_of(packing: Packing, order: int) -> TaylorLayout:
 def series_ir(jet: Procedure, prepare: Procedure) -> str:
     """Return the IR of a module with the two procedures of a series.
 
-    `jet` computes the Taylor coefficients. `prepare` computes the numbers that depend on parameters alone. Procedures
+    `jet` computes the Taylor coefficients. `prepare` computes the numbers that depend only on parameters. Procedures
     of other modules that they call are compiled first.
     """
     called = dict.fromkeys((*prepare.callees, *jet.callees))

@@ -57,16 +57,16 @@ class Job:
 
     def engine(self) -> Engine:
         """Return the object that runs members: in vector lanes if possible, else by a `Flow`, else one by one."""
-        problem, method, alone = self.problem, self.options.method, self.alone
+        problem, method, single = self.problem, self.options.method, self.single
         if not isinstance(method, Planned) or problem.t0 == problem.t1:
-            return alone
-        lanes = lane_engine(alone, method.plan(problem), problem, varying=self.varying)
+            return single
+        lanes = lane_engine(single, method.plan(problem), problem, varying=self.varying)
         # Events may end a run, or change its state and parameters; a flow has none.
-        flows = alone.options.events is None and BY_FLOW.issuperset(column.name for column in alone.columns)
-        return lanes or (FlowEngine(alone, Flow(alone.model, alone.options)) if flows else alone)
+        flows = single.options.events is None and BY_FLOW.issuperset(column.name for column in single.columns)
+        return lanes or (FlowEngine(single, Flow(single.model, single.options)) if flows else single)
 
     @property
-    def alone(self) -> RunEngine:
+    def single(self) -> RunEngine:
         """The object that runs members one by one, each as a separate run."""
         problem = self.problem
         span = problem.t0, problem.t1
@@ -78,7 +78,7 @@ class Job:
         Raises StatementError for an index outside the table.
         """
         chosen = whole_number(member, "member", 0, len(table) - 1)
-        return self.alone.explained(table.starts(np.array([chosen])))
+        return self.single.explained(table.starts(np.array([chosen])))
 
     def packed(self) -> bytes:
         """Return the pickled job for another process. Raises StatementError for a function that cannot be pickled."""

@@ -69,7 +69,7 @@ MOST_WRITTEN_OUT = 3500
 to that with it: 0.97 for a triple pendulum (2,900 operations), 1.03 for a chain of four links (4,000), 1.17 for a chain
 of ten (10,600). All of them take twice as long to compile."""
 
-ABOUT = "Write the parameters, and after them what depends on them alone."
+ABOUT = "Write the parameters, then all values that depend only on them."
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class MemberTasks:
 class Compiled:
     """The machine code that runs members of a model in vector lanes, with the constant arrays that it reads.
 
-    `prepare` computes an array of `size` values: the parameters, then all values that depend on them alone. It is
+    `prepare` computes an array of `size` values: the parameters, then all values that depend only on them. It is
     None if each member has its own parameters, since the code then computes these values. `observed` is the number of
     values that are computed for a state: the energy and the momenta. `read` has the constant arrays by argument name.
     `events` is the number of the user's events.
@@ -127,7 +127,7 @@ def compiled_members(model: Model, plan: Plan, tasks: MemberTasks) -> Compiled:
     nodes = tuple(node_of(reduction.expression, model.statement, model.equations) for reduction in tasks.reductions)
     programs = _programs(model, plan, tasks, tuple(dict.fromkeys(nodes)))
 
-    # All programs share what depends on the parameters alone. A Taylor series adds values of its own.
+    # All programs share the values that depend only on parameters. A Taylor series adds values of its own.
     prepared = PreparedLayout.of([*programs.values()])
     kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in programs.items()}
     preparing, size = prepare(prepared, ABOUT), prepared.size
@@ -255,11 +255,11 @@ _CODES = np.array([*_OUTCOMES, EVENT], dtype=np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class LaneEngine:
-    """Runs members in vector lanes, several at the same time. `alone` runs members that the lanes cannot finish."""
+    """Runs members in vector lanes, several at the same time. `single` runs members that the lanes cannot finish."""
 
     compiled: Compiled
     plan: Plan
-    alone: RunEngine
+    single: RunEngine
 
     @property
     def form(self) -> str:
@@ -277,8 +277,8 @@ class LaneEngine:
         `stopped` is not used: machine code does not stop, and chunks are short.
         """
         m, n = starts.states.shape
-        alone, observed = self.alone, self.compiled.observed
-        count = 0 if alone.times is None else len(alone.times)
+        single, observed = self.single, self.compiled.observed
+        count = 0 if single.times is None else len(single.times)
         first, last = np.zeros((m, observed)), np.zeros((m, observed))
         outputs = np.full((m, count, n), np.nan)
         states, times, outcomes = np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.int64)
@@ -291,28 +291,28 @@ class LaneEngine:
             numbers = np.zeros(self.compiled.size + 1)
             interpret(self.compiled.prepare, starts.parameters[0].tolist(), numbers)
         arrays |= {"numbers": numbers, "output_count": count}
-        reduced = np.zeros((m, len(alone.keep.reductions)))
+        reduced = np.zeros((m, len(single.keep.reductions)))
         arrays |= {"reduced": reduced, "points": np.zeros(1), "table": np.zeros(1), **self.compiled.read}
-        events, most = self.compiled.events, max(alone.keep.events, 1)
+        events, most = self.compiled.events, max(single.keep.events, 1)
         event_t, event_y = np.full((m, events, most), np.nan), np.full((m, events, most, n), np.nan)
-        arrays |= {"most": alone.keep.events, "occurrence_times": event_t, "occurrence_states": event_y}
-        arrays["output_times"] = np.append([] if alone.times is None else alone.times, np.nan)
+        arrays |= {"most": single.keep.events, "occurrence_times": event_t, "occurrence_states": event_y}
+        arrays["output_times"] = np.append([] if single.times is None else single.times, np.nan)
         self.compiled.code({**self.settings(m), **arrays})
         codes = _CODES[outcomes]
-        if alone.times is not None:
-            self.complete(outputs, alone.times, states, times)
+        if single.times is not None:
+            self.complete(outputs, single.times, states, times)
         columns = {STATE: states, TIME: times, STATUS: codes, OUTPUTS: outputs, **counts}
-        columns |= {reduction.name: reduced[:, k] for k, reduction in enumerate(alone.keep.reductions)}
+        columns |= {reduction.name: reduced[:, k] for k, reduction in enumerate(single.keep.reductions)}
         columns |= {event_times(k): event_t[:, k] for k in range(events)}
         columns |= {event_states(k): event_y[:, k] for k in range(events)}
         energies = Energies(starts.states, states, first, last)
-        if alone.keep.drift:
+        if single.keep.drift:
             columns[DRIFT] = energies.drift
         doubtful = (codes == UNDECIDED) | self.unexplained(starts, states, times, codes)
-        if alone.model.conservative:
+        if single.model.conservative:
             doubtful |= ((codes == SUCCESS) | (codes == EVENT)) & energies.moved
-        ends = Results({column.name: columns[column.name] for column in alone.columns})
-        return alone.again(starts, ends, np.flatnonzero(doubtful))
+        ends = Results({column.name: columns[column.name] for column in single.columns})
+        return single.again(starts, ends, np.flatnonzero(doubtful))
 
     def complete(self, outputs: FloatArray, output_times: FloatArray, states: FloatArray, times: FloatArray) -> None:
         """Correct the states `outputs` (m, K, 2n) of m members at `output_times` (K,) in place.
@@ -320,7 +320,7 @@ class LaneEngine:
         The runs ended at `times` (m,) in `states` (m, 2n). If a run ended exactly at an output time, its last state
         is written there. After the end of a run NaN is written.
         """
-        t0, t1 = self.alone.span
+        t0, t1 = self.single.span
         for index in np.flatnonzero((output_times == times[:, None]).any(axis=0)):
             ended = times == output_times[index]
             outputs[ended, index] = states[ended]
@@ -338,7 +338,7 @@ class LaneEngine:
         STUCK (steps too small) becomes LOST (not finite) where a small step along the slope leaves the domain of the
         equations.
         """
-        model, (t0, t1) = self.alone.model, self.alone.span
+        model, (t0, t1) = self.single.model, self.single.span
         stuck = codes == STUCK
         for i in np.flatnonzero(stuck):
             parameters = starts.parameters[i if len(starts.parameters) > 1 else 0]
@@ -352,10 +352,10 @@ class LaneEngine:
 
     def settings(self, count: int) -> dict[str, Any]:
         """Return the scalar arguments of the machine code for `count` members: time span, tolerances and limits."""
-        tolerances, (t0, t1) = self.plan.tolerances, self.alone.span
+        tolerances, (t0, t1) = self.plan.tolerances, self.single.span
         return {
             "count": count,
-            "budget": self.alone.options.step_limit,
+            "budget": self.single.options.step_limit,
             "t0": t0,
             "t1": t1,
             "rtol": tolerances.margin * tolerances.rtol,
@@ -366,34 +366,34 @@ class LaneEngine:
         }
 
 
-def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool) -> LaneEngine | None:
+def lane_engine(single: RunEngine, plan: Plan, problem: Problem, *, varying: bool) -> LaneEngine | None:
     """Return the object that runs members in lanes, or None if the model or the method does not allow it.
 
-    `alone` runs members one by one. With `varying` each member has its own parameters. The machine code is cached for
+    `single` runs members one by one. With `varying` each member has its own parameters. The machine code is cached for
     the next ensemble of the model.
     """
-    if not _runs_in_lanes(alone, plan, problem):
+    if not _runs_in_lanes(single, plan, problem):
         return None
     # A series also watches the square roots in the equations of motion.
     events = plan.events if isinstance(plan, TaylorPlan) else model_events(problem.model, problem.events)
     path = None
-    if isinstance(plan, StepPlan) and (alone.times is not None or alone.keep.reductions or problem.events):
+    if isinstance(plan, StepPlan) and (single.times is not None or single.keep.reductions or problem.events):
         path = plan.path_of(problem, np.array([problem.t0]), problem.y0[None]).kind
     reactions = tuple(Reaction(each.direction, each.terminal, root=each.root, smooth=each.smooth) for each in events)
     users = sum(not event.root for event in events)
     nodes = tuple(event.node for event in events)
-    tasks = MemberTasks(alone.keep.reductions, path, varying, nodes, reactions, users)
-    cache = _COMPILED.setdefault(alone.model, {})
+    tasks = MemberTasks(single.keep.reductions, path, varying, nodes, reactions, users)
+    cache = _COMPILED.setdefault(single.model, {})
     # The code depends on the order of the series, or on the step program.
     key = plan.order if isinstance(plan, TaylorPlan) else plan.step if isinstance(plan, StepPlan) else None, tasks
     if key not in cache:
-        cache[key] = compiled_members(alone.model, plan, tasks)
-    return LaneEngine(cache[key], plan, alone)
+        cache[key] = compiled_members(single.model, plan, tasks)
+    return LaneEngine(cache[key], plan, single)
 
 
-def _runs_in_lanes(alone: RunEngine, plan: Plan, problem: Problem) -> bool:
+def _runs_in_lanes(single: RunEngine, plan: Plan, problem: Problem) -> bool:
     """Return True if lanes support the system, the method and the events of a problem."""
-    model = alone.model
+    model = single.model
     if any(event.settings for event in problem.events):
         return False
     if model.target != "llvm" or len(model.equations.constraints) or model.statement.given or model.statement.contacts:

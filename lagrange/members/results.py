@@ -270,7 +270,7 @@ class SampledRun:
         return results
 
     def _largest(self, expression: Any, sign: float, times: FloatArray, values: FloatArray, best: float) -> float:
-        """Return the largest of sign * expression on some steps and of `best`, the largest value before them.
+        """Return the largest of sign * expression on some steps, or its largest value before, `best`.
 
         `times` and `values` (k, SAMPLE_POINTS) are the sample points of the k steps, and the expression there.
         """

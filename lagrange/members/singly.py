@@ -154,7 +154,7 @@ class RunEngine:
                 return Results({name: rows[:i] for name, rows in ends.columns.items()}, ends.messages)
             start = starts.of(slice(i, i + 1))
             try:
-                run = self.alone(start)
+                run = self.run_one(start)
             except StatementError as refusal:
                 ends.columns[STATUS][i], ends.columns[TIME][i] = STATUSES.index(Status.NON_FINITE), self.span[0]
                 ends.messages[i] = str(refusal)
@@ -178,12 +178,12 @@ class RunEngine:
     def explained(self, start: Starts) -> Explained:
         """Run one member from its initial values, and return the status, time and message of its end."""
         try:
-            run = self.alone(start)
+            run = self.run_one(start)
         except StatementError as refusal:
             return Explained(Status.NON_FINITE, self.span[0], str(refusal))
         return Explained(run.status, run.span[1], run.message)
 
-    def alone(self, start: Starts) -> Trajectory:
+    def run_one(self, start: Starts) -> Trajectory:
         """Run one member from its initial values, and return its trajectory."""
         statement, names = self.model.statement, self.model.layout.names()
         values = dict(zip(statement.parameters, start.parameters[0].tolist(), strict=True))
@@ -234,24 +234,24 @@ class RunEngine:
 
 @dataclass(frozen=True, eq=False)
 class FlowEngine:
-    """Runs members one by one by the compiled flow of a model, which returns the last state alone.
+    """Runs members one by one by the compiled flow of a model, which returns only the last state.
 
-    `alone` is the engine that runs members again that do not reach the end, to get a status and a message.
+    `single` is the engine that runs members again that do not reach the end, to get a status and a message.
     """
 
-    alone: RunEngine
+    single: RunEngine
     flow: Flow
 
     @property
     def form(self) -> str:
         """The way in which members are run, in words."""
-        return self.alone.form
+        return self.single.form
 
     side_by_side = 1  # members run one by one
 
     def run(self, starts: Starts, stopped: Stopped) -> Results:
         """Run members from the initial values `starts` until `stopped()` is True, and return their results."""
-        alone, (_, t1) = self.alone, self.alone.span
+        single, (_, t1) = self.single, self.single.span
         reached: list[FloatArray] = []
         for i in range(len(starts)):
             if stopped():
@@ -259,16 +259,16 @@ class FlowEngine:
             reached.append(self.end(starts.of(slice(i, i + 1))))
         done, states = starts.of(slice(len(reached))), np.reshape(reached, (len(reached), starts.states.shape[1]))
         doubtful = np.isnan(states).any(axis=1)
-        if alone.model.conservative:
-            doubtful |= energies_of(alone.model, done, states, alone.span).moved
+        if single.model.conservative:
+            doubtful |= energies_of(single.model, done, states, single.span).moved
         columns = {STATE: states, TIME: np.full(len(done), t1), STATUS: np.full(len(done), SUCCESS, dtype=np.uint8)}
-        ends = Results({column.name: columns[column.name] for column in alone.columns})
-        return alone.again(done, ends, np.flatnonzero(doubtful))
+        ends = Results({column.name: columns[column.name] for column in single.columns})
+        return single.again(done, ends, np.flatnonzero(doubtful))
 
     def end(self, start: Starts) -> FloatArray:
         """Return the last state (2n,) of one member, NaN if the flow does not reach the end of the time span."""
         try:
-            return self.flow(start.states[0], *self.alone.span, start.parameters[0])
+            return self.flow(start.states[0], *self.single.span, start.parameters[0])
         except LagrangeError:
             return np.full_like(start.states[0], np.nan)
 

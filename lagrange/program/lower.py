@@ -255,7 +255,7 @@ class _Lowering:
     def is_early(self, ref: int) -> bool:
         """Return True if instruction number `ref` is placed in the first part of the program.
 
-        This part reads all parameters, and computes what depends on parameters alone. Results of parameters that change
+        This part reads all parameters, and computes what depends only on parameters. Results of parameters that change
         along a motion are computed later.
         """
         return self.levels[ref] <= Binding.PARAMETER or self.instructions[ref].op == "parameter"

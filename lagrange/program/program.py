@@ -1,7 +1,7 @@
 """Straight-line programs: the operations of a computation as a list, in order, without those that no result needs.
 
 A program maps time t, named blocks of inputs such as q and v, and the parameters to named blocks of results. Its
-instructions are in static single assignment form. The first `hoisted` instructions depend on parameters alone and run
+instructions are in static single assignment form. The first `hoisted` instructions depend only on parameters and run
 once for each set of parameters. A program can be printed, checked, and interpreted by any machine.
 """
 
@@ -73,7 +73,7 @@ class ProgramBlock(NamedTuple):
 class Program:
     """A straight-line program.
 
-    The first `hoisted` instructions depend on parameters alone. `shape` is the shape of its result, and `outputs` are
+    The first `hoisted` instructions depend only on parameters. `shape` is the shape of its result, and `outputs` are
     the instructions that compute its entries, in C order. `inputs` are the blocks of numbers that "state"
     instructions read, in order. `results` divides the outputs into blocks. `returned` names the results that a call
     from a step returns in registers; the caller knows the other results already. `solved` is true if results are

@@ -233,7 +233,7 @@ class _Simplifier:
     def product(self, factors: Sequence[int]) -> int:
         """Emit the product of the results with the indices `factors`, and return its index.
 
-        Factors that depend on parameters alone come first, and inputs come last. Products that differ only in inputs
+        Factors that depend only on parameters come first, and inputs come last. Products that differ only in inputs
         then share the product of their other factors.
         """
         order = sorted(factors, key=lambda ref: (not self.hoisted[ref], self.code[ref].op == "state", ref))

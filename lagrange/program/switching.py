@@ -1,13 +1,13 @@
 """Switching surfaces: abs, sign, min, max and conditions as smooth expressions with the sides of surfaces as constants.
 
 A series holds on one side of a surface only. The value of a switch depends on the sign of some smooth g(q, v, t). Each
-g gets a symbol, its side: 1 where g > 0, -1 where g < 0 and 0 while g stays zero. With the sides as run-time constants
-abs(a) is side * a, sign(a) is the side itself and a condition is one about sides. The driver of the series watches each
-g, ends a step on its surface, and continues with the other side. A g without a value, in a branch that is not taken,
+g gets a symbol, its side: 1 where g > 0, -1 where g < 0 and 0 while g stays zero. The sides are constants of the
+series: abs(a) is side * a, sign(a) is the side itself, and a condition is a condition on sides. The driver of the
+series watches each g, ends a step on its surface, and continues with the other side. In a branch that is not taken, g
 counts as 1.
 
-atan2(y, x), which also stands for Mod, jumps by 2 pi where y = 0 and x < 0, so that y is a surface too. Its series is
-smooth through the jump; only its value at order 0 depends on the side: at y = 0, y has the sign of the side, -0.0 for
+atan2(y, x), into which Mod is rewritten, jumps by 2 pi where y = 0 and x < 0: there y = 0 is a surface. The series is
+smooth through the jump; only its value at order 0 depends on the side. At y = 0, y has the sign of the side: -0.0 for
 -1.
 """
 

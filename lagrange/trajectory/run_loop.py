@@ -295,7 +295,7 @@ class _Run:
             self.watch.is_due(self.state)
 
     def after_call(self, outcome: Outcome, pace: Pace) -> EventResult:
-        """Return the result of a driver call that stopped with `outcome`: whether the run goes on, ends, or jumped.
+        """Return the result of a driver call that stopped with `outcome`: the run continues, ends, or has jumped.
 
         Events on the steps of the call are handled here.
         """
@@ -311,7 +311,7 @@ class _Run:
         return pace.test(state, self.rows.parts, self.without_event(outcome))
 
     def without_event(self, outcome: Outcome) -> EventResult:
-        """Return whether and how the run ends after a driver call that stopped with `outcome`, but not for an event.
+        """Return the result of a driver call that stopped with `outcome`, for another reason than an event.
 
         If the driver needs larger floors (least absolute tolerances), they are raised, and the run continues.
         """

@@ -83,7 +83,7 @@ state needs fewer steps.
 
 
 class Pace:
-    """Tests, between two calls of the driver, whether a run is slow because of rounding noise or sticks to a surface.
+    """Tests between driver calls for the causes of a slow run: rounding noise, or sticking to a switching surface.
 
     `next_test` is the number of trial steps at which the next test is made.
     """

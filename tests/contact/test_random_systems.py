@@ -9,7 +9,7 @@ import pytest
 from sympy import cos, diff, sin, sqrt
 
 import lagrange as lg
-from lagrange.trajectory.contact.kinematics import Kinematics, Touch
+from lagrange.trajectory.contact.kinematics import ContactState, Kinematics
 from lagrange.trajectory.contact.modes import Mode, ModeEnd, modes_of
 from lagrange.trajectory.contact.transition import Transitions
 from tests.contact.random_contacts import broken_laws, random_system
@@ -169,7 +169,7 @@ def random_slider(seed: int) -> lg.System:
 def test_friction_inside_the_loop_is_that_of_a_look_at_each_change(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     looks, after = list[float](), Transitions.after
 
-    def counted(self: Transitions, touch: Touch, mode: Mode, *ends: Any) -> Any:
+    def counted(self: Transitions, touch: ContactState, mode: Mode, *ends: Any) -> Any:
         looks.append(touch.t)
         return after(self, touch, mode, *ends)
 

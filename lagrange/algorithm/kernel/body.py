@@ -1,6 +1,6 @@
 """The instructions of a program as statements of a procedure, and the layout of the prepared array.
 
-The prepared array has the parameters, then all values that depend on them alone, each once.
+The prepared array has the parameters, then all values that depend only on them, each once.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ LARGEST_IN_SOURCE = 20
 
 @dataclass(frozen=True, eq=False)
 class PreparedLayout:
-    """Layout of an array with parameters, then the results of programs that depend on parameters alone.
+    """Layout of an array with parameters, then the results of programs that depend only on parameters.
 
     `size` is the length of the array. `program` computes these results, and `saved` maps its instructions to
     indices in the array. `slots` has such a map for each of the `programs`. A written-out factorization stores
@@ -78,7 +78,7 @@ class PreparedLayout:
 
 
 def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
-    """Add the hoisted instructions of a program, which depend on parameters alone, to `merged`, each once.
+    """Add the hoisted instructions of a program, which depend only on parameters, to `merged`, each once.
 
     `merged` maps instructions to their indices. Return these indices for the program's hoisted instructions, in
     order.
@@ -113,7 +113,7 @@ MOSTLY_ZERO = 4
 
 @dataclass(frozen=True)
 class Style:
-    """How the solution of linear systems is written in a procedure: as single statements, or as calls.
+    """Form of the solution of linear systems in a procedure: single statements, or calls.
 
     Eliminations up to size `largest` are written out, with up to `substituted` multiplications in their
     substitutions. Up to `systems` systems with the same matrix are solved together. Written-out solutions have
@@ -139,7 +139,7 @@ SOURCE = Style()
 class Inputs:
     """Inputs of a program's instructions: time, state, and the array `parameters`.
 
-    This array has the parameters, then the prepared numbers, which depend on parameters alone. `slots` maps the
+    This array has the parameters, then the prepared numbers, which depend only on parameters. `slots` maps the
     indices of instructions to the indices of their results in this array. `names` maps them to the names of
     their results in printed code.
     """
@@ -196,7 +196,7 @@ class Body:
     def load_inputs(self, refs: Iterable[int]) -> None:
         """Read the inputs that the instructions `refs` need, before all branches.
 
-        These are states, parameters, and prepared numbers, which depend on parameters alone.
+        These are states, parameters, and prepared numbers, which depend only on parameters.
         """
         code, read = self.program.instructions, dict[int, None]()
         for ref in refs:
@@ -247,7 +247,7 @@ class Body:
     def restore(self, ref: int, instruction: Instruction, slot: int) -> None:
         """Read the result of instruction number `ref` from the array of parameters, from index `slot` on.
 
-        After the parameters this array has results that depend on them alone. The result of a factor
+        After the parameters this array has results that depend only on them. The result of a factor
         `instruction` are the factors of its matrix.
         """
         inputs, held = self.inputs, self.inputs.parameters
@@ -275,7 +275,7 @@ class Body:
         return FactoredMatrix(entries, memory[0].equals(0.0), None)
 
     def save(self, ref: int, out: Memory, slot: int) -> None:
-        """Write the result of instruction `ref`, which depends on parameters alone, to the array `out`.
+        """Write the result of instruction `ref`, which depends only on parameters, to the array `out`.
 
         It begins at index `slot`. A matrix factorization or a solution takes several numbers.
         """

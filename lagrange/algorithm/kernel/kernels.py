@@ -1,6 +1,6 @@
 """Programs as procedures that share one array of prepared numbers.
 
-    prepare(parameters, p)             p = the parameters, then the results that depend on them alone
+    prepare(parameters, p)             p = the parameters, then the results that depend only on them
     prepare(p)                         the same for an array that begins with the parameters
     name(t, y, p, out)                 the results of a program at a time and a state
     name_by_value(t, y0, ..., p)       the same as values, for callers that keep a state in registers or in rows
@@ -48,7 +48,7 @@ def prepare(
     divisors: Sequence[int] = (),
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return the procedure `name`, which computes all numbers that depend on parameters alone.
+    """Return the procedure `name`, which computes all numbers that depend only on parameters.
 
     It writes the parameters, then these numbers, in the layout `prepared`. `about` is its comment. With
     `in_place` the array contains the parameters already. `names` are the names of values in printed code, by
@@ -88,7 +88,7 @@ def kernel(
 ) -> Procedure:
     """Return the procedure `name` that evaluates a program at a time and a state, with the comment `about`.
 
-    `prepared` is the layout of its argument p, the parameters and the results that depend on them alone.
+    `prepared` is the layout of its argument p, the parameters and the results that depend only on them.
     `names` are the names of values in printed code, by index of the instruction.
     """
     p = Builder(name, about)
@@ -176,7 +176,7 @@ def array_of(name: str) -> Callable[[Procedure], Any]:
 def guarded_quantity(t: float, y: In, p: In, out: Out, *, formulas: Procedure, entries: Procedure) -> bool:
     """Write a quantity to `out` by the procedure `formulas`. Return True if a matrix is singular.
 
-    t and y are the time and the state. p has the parameters and the values that depend on them alone. A matrix
+    t and y are the time and the state. p has the parameters and the values that depend only on them. A matrix
     is also singular if a result is not finite and one of the divisors, which the procedure `entries` computes,
     is zero.
     """

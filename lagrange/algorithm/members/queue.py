@@ -47,7 +47,7 @@ PREPARE = Callee((READ, Array()), (FLAG,))
 
 @dataclass(frozen=True)
 class SystemNumbers:
-    """Prepared numbers of a system: the parameters, followed by the values that depend on parameters alone.
+    """Prepared numbers of a system: the parameters, followed by the values that depend only on parameters.
 
     `size` is their total number, and `parameters` the number of parameters. With the procedure `prepare` each member
     has parameters of its own, and computes all numbers from them. Otherwise all members share one array.
@@ -62,8 +62,8 @@ class SystemNumbers:
 class Observed:
     """Values of a state that are recorded at the start and end of a run, such as its energy: `size` of them.
 
-    The procedure `kernel` computes them from time, state, and the parameters with all values that depend on
-    them alone.
+    The procedure `kernel` computes them from time, state, and the parameters with all values that depend only
+    on them.
     """
 
     kernel: Procedure
@@ -132,7 +132,7 @@ class MemberJob:
 
     There are `count` members, which run from t0 to t1 with at most `budget` trial steps each. `starts` has
     their states [q, v]. `numbers` has the parameters of each member, or the parameters that all members share,
-    with all values that depend on them alone. `ends`, `times` and `outcomes` are the last states, their times
+    with all values that depend only on them. `ends`, `times` and `outcomes` are the last states, their times
     and the outcomes: a member whose outcome is not DONE is at the point where its run stopped.
 
     output_count  Number of output times.
@@ -144,7 +144,7 @@ class MemberJob:
     table         The coefficients of the method's dense output.
     reduced       The reductions of expressions.
     law           The law of motion as the steps call it, or the series.
-    prepare       The function that computes all values that depend on a member's parameters alone, or None.
+    prepare       The function that computes all values that depend only on a member's parameters, or None.
     values        The function that evaluates the watched functions of a Taylor run, or None.
     watched       Further arguments of the search for events, or None.
     """

@@ -6,7 +6,7 @@ values is searched for, by Brent's method without derivatives. So extrema are fo
 
 The step of a Taylor series is sampled while its series is in memory, and counts when it is accepted.
 
-In this module `numbers` are the parameters and all values that depend on them alone.
+In this module `numbers` are the parameters and all values that depend only on them.
 
 Source: R. P. Brent, Algorithms for Minimization without Derivatives, 1973, chapter 5.
 """
@@ -146,7 +146,7 @@ class MemberStepPath:
     def write(self, tables: tuple[In, In], columns: int, step_data: In, neighbours: In, work: Out, out: Out) -> None:
         """Write the coefficients of the polynomials of a block of steps to `out`, by powers.
 
-        `tables` are two arrays: the parameters with all values that depend on them alone, and the coefficients of the
+        `tables` are two arrays: the parameters with all values that depend only on them, and the coefficients of the
         method. `step_data` and `neighbours` have the data of the steps and of their neighbours, by `columns` as in
         `BlockSteps`.
         """
@@ -318,7 +318,7 @@ class Sampled:
     """Expressions that are followed along a run, and their reductions: largest or least values, or means.
 
     There are `size` expressions, of some `entries` of the state. `kernel` is the procedure that evaluates them
-    from time, state, and the parameters with all values that depend on them alone. `reductions` are pairs of
+    from time, state, and the parameters with all values that depend only on them. `reductions` are pairs of
     "max", "min" or "mean" and the index of an expression.
     """
 

@@ -103,7 +103,7 @@ class MemberFunctions:
         """Write the right-hand side at one state to `out`. Return 0 if its mass matrix is singular, else -1.
 
         It has the form of a function of several columns, with one column. t has the time, q the whole state [q,
-        v], and `numbers` are the parameters and all values that depend on them alone; v is not used.
+        v], and `numbers` are the parameters and all values that depend only on them; v is not used.
         """
         failed: int = generated(self.dense.column, columns, t, q, v, numbers, out)
         return failed
@@ -113,7 +113,7 @@ class MemberFunctions:
         """Write the event functions of each column to `out`. Return the first column without a value, or -1.
 
         t has the times. q has the whole states [q, v] by columns: entry j of column b at j * columns + b.
-        `numbers` are the parameters and all values that depend on them alone; v is not used.
+        `numbers` are the parameters and all values that depend only on them; v is not used.
         """
         return events_of_columns(columns, t, q, numbers, out, functions=self)
 
@@ -163,7 +163,7 @@ def review_step(
 
     The codes are those of the search for zeros: ENDED after the whole step, CHANGED if an event ends the run, or
     IRREGULAR. The zeros are written to `watch`. `step` has the data of the step as in `BlockSteps`. `numbers` are
-    the parameters and all values that depend on them alone, and `table` has the coefficients of the dense
+    the parameters and all values that depend only on them, and `table` has the coefficients of the dense
     output. `factors` are near 1 and perturb the entries of a state, to estimate rounding errors.
     """
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree

@@ -261,7 +261,7 @@ class Running:
     """The arguments of a procedure that takes steps of a run.
 
     law                 The function that a step evaluates, such as the right-hand side.
-    parameters          The parameters of the law, and numbers that depend on them alone.
+    parameters          The parameters of the law, and numbers that depend only on them.
     jacobian            The derivative of the law.
     constants           The parameters of the derivative.
     run, counts         The state of the run.

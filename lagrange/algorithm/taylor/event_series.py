@@ -90,7 +90,7 @@ def write_noise(view: WatchedView, numbers: In, t: float, state: In) -> None:
     """Write how much rounding of the time and the `state` may change each watched function to scratch memory.
 
     The scratch memory must contain the values of the functions at the `state`. `numbers` are the parameters and
-    all values that depend on them alone.
+    all values that depend only on them.
     """
     sizes = view.layout.dimension, view.layout.watched
     event_noise(view.watched.values, numbers, view.tilts, t, *sizes, state, view.values, view.noise, view.moved)

@@ -359,7 +359,7 @@ def watched_of(arguments: Arguments) -> Any:
 def numbers_of(arguments: Arguments, layout: TaylorLayout) -> tuple[Any, Any]:
     """Return the numbers of a series for the present sides, which are the signs of the switching functions.
 
-    They are two arrays: the parameters with all values that depend on them alone, and the constants of the
+    They are two arrays: the parameters with all values that depend only on them, and the constants of the
     series.
     """
     if arguments.watched is None or layout.observes:

@@ -1,6 +1,6 @@
 """A program in machine code, called through ctypes. The kernel for many states is compiled at its first call.
 
-Parameters are one array: the k stated values, followed by all values that depend on them alone. `prepare` computes the
+Parameters are one array: the k stated values, followed by all values that depend only on them. `prepare` computes the
 latter once for each set of parameters.
 
     i32 NAME_prepare(ptr parameters)                       writes the values after the parameters
@@ -85,12 +85,12 @@ class KernelCode:
 
     @cached_property
     def prepared(self) -> PreparedLayout:
-        """The layout of the values that depend on parameters alone, which are saved after the parameters."""
+        """The layout of the values that depend only on parameters, which are saved after the parameters."""
         return PreparedLayout.of([self.program], LARGEST_IN_LINE)
 
     @cached_property
     def prepare(self) -> Procedure:
-        """The procedure that computes the values that depend on parameters alone."""
+        """The procedure that computes the values that depend only on parameters."""
         about = f"Prepare {self.program.name}."
         return prepare(self.prepared, about, name=f"{self.program.name}_prepare", in_place=True, style=SCALAR)
 
@@ -278,7 +278,7 @@ class LlvmKernel(Shared):
         self._prepared: tuple[bytes, FloatArray] | None = None
         self._quick: tuple[FloatArray, QuickCalls | None] | None = None
         self.prepared_size = self._code.prepared.size + 1
-        """Number of doubles in the array `prepared`: parameters, and all values that depend on them alone."""
+        """Number of doubles in the array `prepared`: parameters, and all values that depend only on them."""
         ends = [0, *accumulate(block.size for block in program.inputs)]
         rows = [slice(*pair) for pair in pairwise(ends)]
         self._split: Callable[[FloatArray], Sequence[FloatArray]] = (
@@ -296,7 +296,7 @@ class LlvmKernel(Shared):
 
     @property
     def prepare_address(self) -> int:
-        """Address of ``int32_t f(double *prepared)``, which computes all values that depend on parameters alone.
+        """Address of ``int32_t f(double *prepared)``, which computes all values that depend only on parameters.
 
         They are written after the parameters, with which the array `prepared` begins.
         """
@@ -316,15 +316,15 @@ class LlvmKernel(Shared):
         """Address of the kernel for many states.
 
         Its arguments are the number of states, the array of their times, an array for each input, the array
-        `prepared` (parameters and values that depend on them alone), and the array that receives the results.
+        `prepared` (parameters and values that depend only on them), and the array that receives the results.
         """
         module, _ = self._column_kernel
         return module.address(f"{self.program.name}_columns")
 
     def prepare(self, parameters: FloatArray) -> FloatArray:
-        """Return an array of the parameters, followed by all values that depend on them alone.
+        """Return an array of the parameters, followed by all values that depend only on them.
 
-        Raises SingularMassMatrix if a matrix that depends on parameters alone is singular.
+        Raises SingularMassMatrix if a matrix that depends only on parameters is singular.
         """
         key = parameters.tobytes()
         known = self._prepared

@@ -117,7 +117,7 @@ def printed(program: Program) -> str:
 
 
 class _PrintedFunction:
-    """A printed function that takes the parameters and computes all values that depend on them alone.
+    """A printed function that takes the parameters and computes all values that depend only on them.
 
     A call returns the inner function, which evaluates the program at states. It returns None if the program must be
     interpreted for these parameters. The last result is cached.

@@ -1,7 +1,7 @@
 """Print a program as Python without loops: on floats for one state, on NumPy rows for blocks of many states.
 
 The text has an outer and an inner function, printed from procedures of `algorithm.kernel`, which LLVM also compiles.
-The outer one takes the parameters and computes all values that depend on them alone. It contains the inner one, which
+The outer one takes the parameters and computes all values that depend only on them. It contains the inner one, which
 evaluates the program at a state. Names are generated here and literals are exact, so no text of a user is run. The
 source handles regular states only: if Python raises, or a pivot cannot be trusted, the caller evaluates the program
 in another way.
@@ -53,7 +53,7 @@ def fits(program: Program) -> bool:
 class StraightLines:
     """Prints a program as straight-line Python: the text of an outer function of the parameters, `name(p)`.
 
-    The outer function computes all values that depend on parameters alone. It returns an inner function, which
+    The outer function computes all values that depend only on parameters. It returns an inner function, which
     evaluates the program at states, or None if these values need the interpreter.
     """
 
@@ -125,7 +125,7 @@ def _straight(procedure: Procedure) -> Procedure:
 class _Floats(Printer):
     """Prints the function of a program for one state, inside an outer function that takes the parameters.
 
-    The outer function computes the values that depend on parameters alone.
+    The outer function computes the values that depend only on parameters.
     """
 
     operators = RAISING
@@ -165,7 +165,7 @@ class _Floats(Printer):
 
     @visits(form.Load, form.Store, form.Read, form.Write)
     def memory(self, statement: form.Load | form.Store | form.Read | form.Write) -> None:
-        """Print the read or write of a value that depends on parameters alone.
+        """Print the read or write of a value that depends only on parameters.
 
         The value is a variable of the outer function, which takes the parameters and sets it. The inner function,
         which takes the state, reads it.
@@ -180,7 +180,7 @@ class _Floats(Printer):
 
     @visits(form.Let)
     def let(self, let: form.Let) -> None:
-        """Print an operation: in the outer function if it depends on parameters alone, else in the inner one."""
+        """Print an operation: in the outer function if it depends only on parameters, else in the inner one."""
         fixed = all(arg in self.fixed for arg in let.args)
         if fixed:
             self.fixed[let.ref] = None
@@ -200,7 +200,7 @@ class _Floats(Printer):
         """Print an early return, taken if a pivot is too small.
 
         `singular` is the id of the flag for such a pivot, and `failure` the text of the returned value. If the flag
-        depends on parameters alone, the outer function returns None instead.
+        depends only on parameters, the outer function returns None instead.
         """
         if singular in self.fixed:
             if singular not in self.constants:

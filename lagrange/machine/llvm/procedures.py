@@ -133,8 +133,8 @@ def function(
 class Printer(Visitor):
     """Prints one procedure as LLVM IR. Statements refer to values and variables by ids.
 
-    `values` maps ids of values to operands, and `held` ids of variables to their present operands. `wide` has the ids
-    of values and variables that are vectors, with one entry for each iteration of the `current` block.
+    `values` maps ids of values to operands, `variables` ids of variables to present operands. `wide` has the ids of
+    values and variables that are vectors, with one entry for each iteration of the `current` block.
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class Printer(Visitor):
         self.values: dict[int, str] = {}
         self.kinds: dict[int, Kind] = {}
         self.types: dict[int, Type] = {}
-        self.held: dict[int, str] = {}
+        self.variables: dict[int, str] = {}
         self.wide: dict[int, None] = {}
         self.spread: dict[int, str] = {}
         self.current: IterationBlock | None = None
@@ -426,11 +426,11 @@ class Printer(Visitor):
         match statement:
             case form.Declare(ref=ref, kind=kind, value=value):
                 self.define(ref, "", kind, wide=lanes > 1)
-                self.held[ref] = self.operand(value, lanes)
+                self.variables[ref] = self.operand(value, lanes)
             case form.Get(ref=ref, kind=kind, variable=variable):
-                self.define(ref, self.held[variable], kind, wide=variable in self.wide)
+                self.define(ref, self.variables[variable], kind, wide=variable in self.wide)
             case form.Set(variable=variable, value=value):
-                self.held[variable] = self.operand(value, lanes)
+                self.variables[variable] = self.operand(value, lanes)
 
     @visits(form.Call)
     def call(self, call: form.Call) -> None:
@@ -445,10 +445,10 @@ class Printer(Visitor):
             return
         held = self.types[call.callee]
         assert isinstance(held, form.Callee)
-        arguments = [self.handed(kind, arg) for kind, arg in zip(held.parameters, call.args, strict=True)]
+        arguments = [self.callback_argument(kind, arg) for kind, arg in zip(held.parameters, call.args, strict=True)]
         self.called(call, f"{self.values[call.callee]}({', '.join(arguments)})", held.results, foreign=True)
 
-    def handed(self, kind: Kind | Array, arg: int) -> str:
+    def callback_argument(self, kind: Kind | Array, arg: int) -> str:
         """Return an argument of a callback as IR: the type of the callback's parameter, and the operand.
 
         `kind` is the type of the parameter, and `arg` the id of the argument.
@@ -510,7 +510,7 @@ class Printer(Visitor):
 
     def when(self, when: form.When) -> None:
         """Print a branch."""
-        e, name, before = self.e, self.e.fresh("if"), dict(self.held)
+        e, name, before = self.e, self.e.fresh("if"), dict(self.variables)
         other = f"{name}.else" if when.otherwise else f"{name}.end"
         e.do(f"br i1 {self.values[when.condition]}, label %{name}.then, label %{other}{LIKELY[when.likely]}")
         ways: list[tuple[str, dict[int, str]]] = [] if when.otherwise else [(e.block, before)]
@@ -518,16 +518,18 @@ class Printer(Visitor):
             if not body and label != f"{name}.then":
                 continue
             e.label(label)
-            self.held, self.open = dict(before), True
+            self.variables, self.open = dict(before), True
             self.block(body)
             if self.open:
-                ways.append((e.block, self.held))
+                ways.append((e.block, self.variables))
                 e.jump(f"{name}.end")
         self.open = bool(ways)
         if not ways:
             return
         e.label(f"{name}.end")
-        self.held = {ref: phi(e, self.llvm_type(ref), [(block, held[ref]) for block, held in ways]) for ref in before}
+        self.variables = {
+            ref: phi(e, self.llvm_type(ref), [(block, held[ref]) for block, held in ways]) for ref in before
+        }
 
     @contextmanager
     def repeated(
@@ -541,16 +543,16 @@ class Printer(Visitor):
         """
         e, name = self.e, self.e.fresh("loop")
         variables = dict.fromkeys(s.variable for s in form.walk(inside) if isinstance(s, form.Set))
-        carried = [variable for variable in variables if variable in self.held]
-        before, initial = e.block, dict(self.held)
+        carried = [variable for variable in variables if variable in self.variables]
+        before, initial = e.block, dict(self.variables)
         e.jump(f"{name}.head")
         e.label(f"{name}.head")
         hole = len(e.lines)
         e.lines += [""] * (len(carried) + 1)
         for k, variable in enumerate(carried):
-            self.held[variable] = f"%{name}.v{k}"
+            self.variables[variable] = f"%{name}.v{k}"
         yield name
-        entered = dict(self.held)
+        entered = dict(self.variables)
         e.label(f"{name}.body")
         self.block(inside if body is None else body)
         if self.open:
@@ -563,10 +565,10 @@ class Printer(Visitor):
             again = f", [ %{name}.next, %{end} ]" if back else ""
             e.lines[hole] = f"  %{name}.i = phi i64 [ {start}, %{before} ]{again}"
         for k, variable in enumerate(carried):
-            again = f", [ {self.held[variable]}, %{end} ]" if back else ""
+            again = f", [ {self.variables[variable]}, %{end} ]" if back else ""
             kind = self.llvm_type(variable)
             e.lines[hole + 1 + k] = f"  %{name}.v{k} = phi {kind} [ {initial[variable]}, %{before} ]{again}"
-        self.held, self.open = entered, True
+        self.variables, self.open = entered, True
         e.label(f"{name}.end")
 
     # --- vectors of iterations

@@ -138,9 +138,9 @@ class Lanes:
         printer = self.printer
         printer.current = IterationBlock(self.each, self.lanes, offset, mask, self.places(offset))
         printer.define(self.each.place, offset, WHOLE, wide=self.lanes > 1)
-        outside = dict(printer.held)
+        outside = dict(printer.variables)
         printer.block(self.each.body)
-        printer.held = {variable: printer.held[variable] for variable in outside}
+        printer.variables = {variable: printer.variables[variable] for variable in outside}
 
     def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
         """Combine the results of one vector of iterations with the partial results `sums` of each reduction.

@@ -80,7 +80,7 @@ def _rows(model: Model) -> tuple[list[list[int]], list[int], NDArray[np.intp]]:
 
 
 @dataclass(frozen=True, eq=False)
-class Touch:
+class ContactState:
     """The contacts at a time `t` and a state `y` (2n,): gaps (k,), rates (dgap/dt and slips), and their derivatives.
 
     A row is a rate: each contact has a row for dgap/dt, then one for each slip. `rates` (rows,) are the values,
@@ -98,7 +98,7 @@ class Touch:
     convective: FloatArray
     terms: FloatArray
     near: float
-    before: Touch | None
+    before: ContactState | None
 
     @cached_property
     def noise(self) -> FloatArray:
@@ -108,7 +108,7 @@ class Touch:
 
     @cached_property
     def _inertia(self) -> tuple[FloatArray, FloatArray]:
-        """The pair of `responses` and `velocity_noise`."""
+        """The pair (`responses`, `velocity_noise`): accelerations by unit forces, and rounding errors of velocities."""
         return self.kinematics.inertia(self) if self.before is None else self.before._inertia
 
     @property
@@ -163,7 +163,7 @@ def _contact_functions(model: Model) -> tuple[PythonKernel, PythonKernel]:
 class Kinematics:
     """Evaluates the contacts of a model for the parameters of a run.
 
-    `rows` has the row indices of each contact in a `Touch`, and `normals` the first of them, the row of dgap/dt.
+    `rows` has the row indices of each contact in a `ContactState`, and `normals` the first of them, the row of dgap/dt.
     `owners` (rows,) has the index of the contact of each row. `restitutions` are None if they depend on the speed.
     """
 
@@ -194,7 +194,7 @@ class Kinematics:
         """Return the gap rates and slips (rows,) at a state y (2n,)."""
         return self._contacts(t, y, self.parameters)[2 * len(self.contacts) :][: len(self.owners)]
 
-    def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
+    def at(self, t: float, y: FloatArray, before: ContactState | None = None) -> ContactState:
         """Return the contacts at a state y (2n,), an array that is not changed afterwards.
 
         With `before`, the contacts at a state with the same coordinates up to rounding, its mass matrix is used again.
@@ -206,9 +206,9 @@ class Kinematics:
         self._lengths = float(values[k : 2 * k].max(initial=self._lengths))
         self._terms = np.maximum(self._terms, terms)
         near = TOUCHING * self._lengths
-        return Touch(self, t, y, values[:k], rates, directions, convective, self._terms, near, before)
+        return ContactState(self, t, y, values[:k], rates, directions, convective, self._terms, near, before)
 
-    def inertia(self, touch: Touch) -> tuple[FloatArray, FloatArray]:
+    def inertia(self, touch: ContactState) -> tuple[FloatArray, FloatArray]:
         """Return `responses` and `velocity_noise` of the contacts at a state."""
         n, v = self.model.dimension, touch.y[self.model.layout.v]
         mass = np.asarray(self.model.kernel("mass_matrix")(touch.t, touch.y, self.parameters)).reshape(n, n)
@@ -230,7 +230,7 @@ class Kinematics:
         pairs = zip(self.rows, states, strict=True)
         return [row for mine, state in pairs if state != OPEN for row in (mine if state == STICKING else mine[:1])]
 
-    def closed(self, touch: Touch, contacts: Sequence[int], unchanged: Sequence[int] = ()) -> FloatArray:
+    def closed(self, touch: ContactState, contacts: Sequence[int], unchanged: Sequence[int] = ()) -> FloatArray:
         """Return the state of `touch` with the gaps of `contacts` (indices) closed by one Newton step.
 
         The change is the least, measured by the kinetic energy. The gaps of `unchanged` contacts do not change.

@@ -144,7 +144,7 @@ class WrittenFriction:
         return replace(problem, model=self.model, y0=y0, largest=largest, parameters=parameters)
 
     def plain(self, y: FloatArray) -> FloatArray:
-        """Return states of the system, (2n,) or (2n, N), from states of this model, without the way and its rate."""
+        """Return states of the system, (2n,) or (2n, N): those of this model without the coordinate `way`."""
         return np.delete(y, [self.model.layout.q.stop - 1, self.model.layout.v.stop - 1], axis=0)
 
     def plain_at(self, path: Callable[[FloatArray], FloatArray], times: FloatArray) -> FloatArray:
@@ -152,7 +152,7 @@ class WrittenFriction:
         return self.plain(path(times))
 
     def plain_run(self, part: Trajectory) -> Trajectory:
-        """Return a run of this model as a run of the system: the way is removed from its states."""
+        """Return a run of this model as a run of the system, with states without the additional coordinate."""
         events = tuple(self.plain(states.T).T for states in part.y_events)
         return replace(part, y=self.plain(part.y), dense=partial(self.plain_at, part.dense), y_events=events)
 

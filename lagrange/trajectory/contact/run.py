@@ -23,7 +23,7 @@ from lagrange.errors import StatementError, counted, listing
 from lagrange.statement.expression import real_number
 from lagrange.trajectory.contact.complementarity import OPEN
 from lagrange.trajectory.contact.history import FRICTION, IMPULSE, LOST, TIME, ContactHistory
-from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics, Touch
+from lagrange.trajectory.contact.kinematics import TOUCHING, ContactState, Kinematics
 from lagrange.trajectory.contact.modes import Mode, ModeEnd, PreparedMode, modes_of
 from lagrange.trajectory.contact.resets import WrittenFriction, WrittenImpacts, in_order, written_impacts
 from lagrange.trajectory.contact.transition import Transition, Transitions, Undetermined
@@ -443,7 +443,7 @@ class _ContactRun:
             self.impacts[i].append(row[None])
         return transition
 
-    def _checked_start(self) -> Touch:
+    def _checked_start(self) -> ContactState:
         """Return the contacts at the start, without overlaps that are rounding; raise StatementError inside a body."""
         problem, kin = self.problem, self.kinematics
         touch = kin.at(problem.t0, problem.y0)

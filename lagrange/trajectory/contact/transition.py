@@ -25,7 +25,7 @@ from lagrange.errors import RunError, listing
 from lagrange.machine.model import Model
 from lagrange.statement.contact import SEQUENCE
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, Balance, Friction, solutions
-from lagrange.trajectory.contact.kinematics import RATE_NOISE, TOUCHING, Kinematics, Touch
+from lagrange.trajectory.contact.kinematics import RATE_NOISE, TOUCHING, ContactState, Kinematics
 from lagrange.trajectory.contact.modes import SLOWEST, Mode, ModeEnd, Modes
 from lagrange.trajectory.contact.resets import SHORT, SLIGHT, coupling, response_of
 from lagrange.trajectory.trajectory import FloatArray
@@ -74,7 +74,7 @@ class _Rest(NamedTuple):
     maps contacts that begin to slide to a direction (components,).
     """
 
-    touch: Touch
+    touch: ContactState
     resting: Sequence[int]
     near: Sequence[int]
     end: ModeEnd
@@ -93,7 +93,9 @@ class Transitions:
         self._slow_share = max(SLOWEST, rtol)
         self.shared = ""
 
-    def after(self, touch: Touch, mode: Mode, end: ModeEnd, plastic: Collection[int] = frozenset()) -> Transition:
+    def after(
+        self, touch: ContactState, mode: Mode, end: ModeEnd, plastic: Collection[int] = frozenset()
+    ) -> Transition:
         """Return the result of the transition after a mode that ends at the state of `touch`.
 
         `plastic` contacts have no restitution, and stay closed after an impact. Raises `Undetermined` if the laws of
@@ -138,7 +140,7 @@ class Transitions:
         low_flights = frozenset(i for i in opening if 0 < v[i] ** 2 < 2 * a[i] * smallest_gap)
         return Transition(y, before, following, impacts, speed, low_flights)
 
-    def _ways_of_yielding(self, touch: Touch, mode: Mode, yielding: Collection[int]) -> dict[int, FloatArray]:
+    def _ways_of_yielding(self, touch: ContactState, mode: Mode, yielding: Collection[int]) -> dict[int, FloatArray]:
         """Return the direction in which each `yielding` contact begins to slide: against the force that held it."""
         if not yielding:
             return {}
@@ -149,7 +151,7 @@ class Transitions:
         return {i: -force / np.linalg.norm(force) for i, force in held.items()}
 
     def _impact(
-        self, touch: Touch, touching: Sequence[int], plastic: Collection[int]
+        self, touch: ContactState, touching: Sequence[int], plastic: Collection[int]
     ) -> tuple[FloatArray, dict[int, FloatArray]]:
         """Return the state after an impact, and the impacts as in `Transition`.
 
@@ -183,12 +185,12 @@ class Transitions:
                 impacts[i] = np.array([touch.t, push, lost[kin.rows[i]].sum(), *friction])
         return after, impacts
 
-    def _approaching(self, touch: Touch, contacts: Sequence[int], rates: FloatArray) -> list[int]:
+    def _approaching(self, touch: ContactState, contacts: Sequence[int], rates: FloatArray) -> list[int]:
         """Return those of some `contacts` (indices) whose gaps become smaller at the `rates` (rows,)."""
         normals = self.kinematics.normals
         return [i for i in contacts if rates[normals[i]] < -touch.noise[normals[i]]]
 
-    def _check_law_of_impacts(self, touch: Touch, touching: Sequence[int]) -> None:
+    def _check_law_of_impacts(self, touch: ContactState, touching: Sequence[int]) -> None:
         """Raise `Undetermined` if `touching` contacts collide that affect each other, and no law for this is stated."""
         kin, matrix = self.kinematics, np.abs(touch.compliance)
         rows = [row for i in touching for row in kin.rows[i]]
@@ -208,7 +210,7 @@ class Transitions:
         )
 
     def _impulses(
-        self, touch: Touch, rates: FloatArray, colliding: Sequence[int], plastic: Collection[int]
+        self, touch: ContactState, rates: FloatArray, colliding: Sequence[int], plastic: Collection[int]
     ) -> FloatArray:
         """Return the impulses (rows,) of one impact, by Newton's law of restitution and Coulomb's law of friction.
 
@@ -231,7 +233,7 @@ class Transitions:
         return impulses
 
     def _balance(
-        self, touch: Touch, laws: dict[int, Friction], free_rates: FloatArray, what: str
+        self, touch: ContactState, laws: dict[int, Friction], free_rates: FloatArray, what: str
     ) -> tuple[list[int], Balance]:
         """Return the forces, or impulses, of contacts at rest in `touch`, and the rows to which they belong.
 
@@ -293,12 +295,12 @@ class Transitions:
                 starts |= dict(zip(along, (max(slow, slight) * way).tolist(), strict=True))
         return self._projected(touch, mode, starts, near), mode, accelerations
 
-    def _slow(self, touch: Touch, along: Sequence[int]) -> float:
+    def _slow(self, touch: ContactState, along: Sequence[int]) -> float:
         """Return the speed up to which a slip in the rows `along` counts as zero: in a plane, that of the mode."""
         noise = float(touch.noise[along].max(initial=0.0))
         return max(self._slowest, noise) if len(along) > 1 else noise
 
-    def _with_constraints(self, touch: Touch, mode: Mode) -> Mode:
+    def _with_constraints(self, touch: ContactState, mode: Mode) -> Mode:
         """Return a mode with the indices of its `independent` constraints, and `immobile` if they leave no freedom."""
         kin, independent = self.kinematics, None
         held = kin.held_rows(mode.states)
@@ -309,7 +311,7 @@ class Transitions:
         immobile = self.modes.leaves_no_freedom(mode, count if independent is None else len(independent))
         return replace(mode, independent=independent, immobile=immobile)
 
-    def _projected(self, touch: Touch, mode: Mode, starts: dict[int, float], near: Sequence[int]) -> FloatArray:
+    def _projected(self, touch: ContactState, mode: Mode, starts: dict[int, float], near: Sequence[int]) -> FloatArray:
         """Return the state of `touch` (2n,) changed to satisfy the constraints of a mode: closed gaps, and no slips.
 
         The change is the least, measured by the kinetic energy. Velocities that are rounding become zero. `starts`
@@ -331,7 +333,7 @@ class Transitions:
         return y
 
 
-def _undetermined(kin: Kinematics, touch: Touch, contacts: Sequence[int], count: int, what: str) -> Undetermined:
+def _undetermined(kin: Kinematics, touch: ContactState, contacts: Sequence[int], count: int, what: str) -> Undetermined:
     """Return the error for `contacts` (indices) at a state at which the laws allow `count` motions.
 
     `what` is "motion" or "impact". If there are several motions, the cause is contacts that depend on each other.

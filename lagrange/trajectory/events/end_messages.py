@@ -12,7 +12,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 
 @dataclass(frozen=True)
 class EventResult:
-    """Result of event processing: whether and why the run ends, and whether the state has jumped.
+    """Result of event processing: the end of the run and its cause, or a jump of the state, or neither.
 
     `status` is the status of a run that ends, else None, and `detail` a sentence on its cause. `jumped` is True if
     the state has jumped. `smooth` is True if only the Taylor series ends at this point, and the motion may continue.

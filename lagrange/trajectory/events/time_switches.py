@@ -1,4 +1,4 @@
-"""Switching surfaces that depend on time alone, such as those of Mod(t, T): steps end before them and begin after them.
+"""Switching surfaces that depend only on time, such as those of Mod(t, T): steps end before them and begin after them.
 
 A step over a jump of the forces would be rejected until it is short enough for its error. The surfaces of time are
 known without the motion, so no step has to cross one.
@@ -44,7 +44,7 @@ _SURFACES: WeakKeyDictionary[Model, tuple[Node, ...]] = WeakKeyDictionary()
 
 
 def surfaces_of_time(model: Model) -> tuple[Node, ...]:
-    """Return the switching surfaces of the accelerations that depend on time and parameters alone, as expressions."""
+    """Return the switching surfaces of the accelerations that depend only on time and parameters, as expressions."""
     if model not in _SURFACES:
         expressions = switch(model.equations.graph, model.equations.accelerations).expressions
         _SURFACES[model] = tuple(g for g in expressions if g.binding is Binding.TIME)
@@ -70,7 +70,7 @@ class TimeSwitches:
     def of(cls, problem: Problem, state: DriverState, watch: StepWatch | None) -> TimeSwitches | None:
         """Return the object that stops a run at its surfaces of time, or None if there are no such surfaces.
 
-        A surface of time is a switching surface that depends on time and parameters alone. `watch` searches for the
+        A surface of time is a switching surface that depends only on time and parameters. `watch` searches for the
         events of the run, or is None.
         """
         limited = state.reals[DriverState.LONGEST] < math.inf
