@@ -119,12 +119,11 @@ class EventMemory:
         """Number of bytes of all arrays of the memory."""
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
-    def hold(self, sides: FloatArray, size: int) -> int:
-        """Store the sides (signs, 1.0 or -1.0) of the switching surfaces, and return an index in the driver's array.
+    def store_sides(self, sides: FloatArray, size: int) -> int:
+        """Store the sides (signs, 1.0 or -1.0) of the switching surfaces. Return the index of their block of numbers.
 
         The numbers of a series depend on the parameters and on the sides. The driver has one array for them, with a
-        block of `size` numbers for each combination of sides. The result is the index at which the block of `sides`
-        begins. Sides for which `combination` returns -1 use the first block.
+        block of `size` numbers for each combination of sides. Sides for which `combination` returns -1 use the first.
         """
         self.record.combination = self.combination(sides)
         self.record.numbers = (1 + self.record.combination) * size
@@ -356,11 +355,11 @@ class SeriesDriver:
         numbers, sizes = code.joined(parameters, None if memory is None else memory.values)
         if memory is None or not memory.surfaces:
             if memory is not None:
-                memory.hold(parameters[:0], 0)
+                memory.store_sides(parameters[:0], 0)
             self._numbers = numbers
             self._point(numbers, sizes)
             return
-        offset = memory.hold(parameters[len(parameters) - memory.surfaces :], len(numbers))
+        offset = memory.store_sides(parameters[len(parameters) - memory.surfaces :], len(numbers))
         if self._numbers is None:
             self._numbers = np.zeros(len(numbers) * (1 + len(memory.combinations)))
             self._point(self._numbers, sizes)

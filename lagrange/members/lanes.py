@@ -345,7 +345,7 @@ class LaneEngine:
             if not np.isfinite(slope_ahead(model, times[i], states[i], parameters, DOMAIN_PROBE * (t1 - t0))).all():
                 codes[i] = LOST
         if self.compiled.events:
-            # A single run with events may continue where no series begins.
+            # These members run again: a single run with events may continue from a point without a series.
             return np.asarray((codes != SUCCESS) & (codes != EVENT) & (codes != UNFINISHED))
         lost = stuck & (codes == STUCK) & (not model.equations.structure.constant_mass)
         return np.asarray(lost | ((times == t0) & (codes != SUCCESS)))

@@ -88,7 +88,7 @@ def variation_of(procedure: Procedure, signature: Signature, known: Analyses) ->
 
 
 class _VariationSearch:
-    """Fixed-point iteration over a procedure: passes are repeated until no further value differs.
+    """Fixed-point iteration over a procedure: passes are repeated until none marks a further value as varying.
 
     One pass is not enough, because variables carry values to the next iteration of a loop.
     """
@@ -194,10 +194,9 @@ CHEAP = frozenset((*_ARITHMETIC, "less", "less_equal", "equal", "and", "or", "no
 class MemberMemory:
     """An array or a record of the new procedure, which runs all members at once.
 
-    `varying` is true if each member has its own values: the values of all members at one index are then adjacent in
-    memory. `starts` is None if the array begins at the same index for all members, else the id of a vector of their
-    first indices. `level` is the number of enclosing branches that only some members take, at the allocation, or -1
-    for an array of the caller.
+    `varying` is true if each member has its own values; those of all members at one index are then adjacent. `starts`
+    is the id of a vector of first indices, one for each member, or None if they are equal. `level` is the number of
+    enclosing branches that only some members take, at the allocation, or -1 for an array of the caller.
     """
 
     ref: int

@@ -67,8 +67,8 @@ def projection(equations: Equations) -> Named:
     slopes = list(map(first, values))
     second = tangents(slopes, direction)
     left = substitute([graph.sum([(Fraction(1, 2), second(slope))]) for slope in slopes], known)
-    # At rest all terms of a velocity constraint are rounding, and no scale. So the sizes of the terms of its change by
-    # this correction are added.
+    # At rest all terms of a velocity constraint are rounding. So the scale includes the terms of its change by this
+    # correction.
     added = substitute(term_sizes(slopes[len(lengths) + len(positions) :]), known)
     coordinates_alone = [*([graph.one] * len(lengths)), *term_sizes(positions)]
     speeds = [graph.sum([(1, graph.call("abs", equations.v[i])) for i in rows]) for rows in equations.quaternions]

@@ -1,4 +1,4 @@
-"""Symbolic elimination of a sparse symmetric matrix: the nonzero entries of L in A = L D L^T.
+"""Symbolic elimination of a sparse symmetric matrix, A = L D L^T: nonzero entries of L, and sizes that are written out.
 
 Pivots are taken in the order of the matrix. This is stable if A is positive definite. For [[M, G^T], [G, 0]] with a
 definite M it is stable as long as no pivot is small compared with the terms of its sum. If a pivot is small, a solver

@@ -1,4 +1,4 @@
-"""Lowering from graph to program: sums, products and powers as binary operations, those on parameters alone first.
+"""Lowering from graph to program: sums, products and powers as binary operations, those on parameters first.
 
 Sums become chains of fused multiply-adds. Products put parameters first, so that this part is computed once per run. A
 power with an integer or half-integer exponent becomes multiplications and square roots.

@@ -70,7 +70,7 @@ class Law:
     inputs: int = 2
 
     def dimension(self, numbers: int) -> int:
-        """Return the length 2n of the state of a system whose law reads `numbers` entries in total."""
+        """Return the length 2n of a system's state, if the law reads `numbers` entries in total."""
         return 2 * numbers // self.inputs
 
 
@@ -137,10 +137,9 @@ class Solve:
         return len(self.residuals)
 
     def reach(self, unknown: int, position: int) -> list[Node]:
-        """Return the coefficients of unknown vector number `unknown` in argument `position` of all `calls`.
+        """Return, for the `calls`, the coefficients of one unknown vector in the argument with index `position`.
 
-        Each argument of a call is a linear combination of vectors. Arguments 0 and 1 are the law's state
-        vectors.
+        An argument is a linear combination of vectors. Arguments 0 and 1 are the law's state vectors.
         """
         return [
             factor

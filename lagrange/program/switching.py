@@ -29,9 +29,9 @@ class Switched:
     """Expressions without switches: `smooth` maps the stated nodes to expressions in `sides`.
 
     A side is a symbol for the sign of one of the switching functions `surfaces`: 1, -1 or 0. `expressions` has the same
-    functions as in the statement, with the switches inside them. `stated` has these restricted to the branches in which
-    they are evaluated. `starts` maps each angle that jumps on a surface to its value at order 0, which depends on the
-    side of the surface.
+    functions as in the statement, with the switches inside them. `stated` has them with the value 1 in all branches in
+    which they are not evaluated. `starts` maps each angle that jumps on a surface to its value at order 0, which
+    depends on the side of the surface.
     """
 
     smooth: Mapping[Node, Node]

@@ -213,7 +213,7 @@ class PreparedPlan:
         if reused is not None:
             first = reused.first
         else:
-            # A run with events has its state outside of the memory of the driver.
+            # With events, the state is not in the memory of the driver.
             if memory is None:
                 driver.adopt(state)
             first = self.plan.tolerances.begin(problem.t0, problem.t1, problem.y0).reals

@@ -86,7 +86,7 @@ def entry_sizes(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return the sizes (2n,) of a state's entries, their changes (2n,) due to other entries, and a natural period.
 
-    A change is the one during this period. `slopes` is the right-hand side f(t, y). `left` is the signed time from t
+    The changes are those during this period. `slopes` is the right-hand side f(t, y). `left` is the signed time from t
     to the end of the run. The forces are evaluated at `force_points`, pairs of a time and a state (2n,).
     """
     known_q, known_v = layout.split(np.abs(y))

@@ -1,4 +1,4 @@
-"""Constants of the search for events: noise, limits of root isolation, and when events count as simultaneous."""
+"""Constants of events: noise, limits of root isolation, simultaneous and accumulating events, restart after a reset."""
 
 from __future__ import annotations
 

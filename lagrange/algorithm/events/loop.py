@@ -337,7 +337,7 @@ class EventLoop:
     def setting(self, block: int, event: int) -> WholesOut:
         """Return an array that begins with one setting of an event, to be read or written.
 
-        `block` says which, for example `RESET_SIZE`; `event` is the index of the event.
+        `block` is the index of the setting, for example `RESET_SIZE`; `event` is the index of the event.
         """
         return self.settings[event + self.samples.events * block :]
 

@@ -1,4 +1,4 @@
-"""Samples of event functions on a block of steps: on which steps they may be zero, and their polynomials there.
+"""Samples of event functions on a block of steps: the steps with possible zeros, and polynomials there.
 
 Functions are sampled at Chebyshev points. Source: L. N. Trefethen, Approximation Theory and Approximation Practice,
 2013, chapters 2 and 3.

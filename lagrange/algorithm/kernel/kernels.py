@@ -158,7 +158,7 @@ def results_of(quantity: Procedure) -> int:
 
 
 def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
-    """Return the procedure `quantity` with a check: a zero divisor in its formulas is a singular matrix.
+    """Return the procedure `quantity` with a test for zero divisors, reported as a singular matrix.
 
     The divisors are tested only if a result is not finite. They are computed by the procedure `entries`,
     because the simplified formulas of the quantity need not contain them.

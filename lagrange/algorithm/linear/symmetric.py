@@ -1,4 +1,4 @@
-"""Solve and invert symmetric matrices: L D L^T for definite ones, elimination with pivoting for others.
+"""Factor, solve and invert symmetric matrices, with pivoting if a pivot is small; the test for singular matrices.
 
 A matrix is given as its lower triangle by columns: entry (i, j), i >= j, at j*n + i. It is factored as L D L^T without
 pivoting, which is stable for a positive definite mass matrix. If a pivot vanishes against its diagonal entry, at

@@ -317,9 +317,9 @@ def lobatto() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 class Sampled:
     """Expressions that are followed along a run, and their reductions: largest or least values, or means.
 
-    There are `size` expressions, of some `entries` of the state. `kernel` is the procedure that evaluates them
-    from time, state, and the parameters with all values that depend only on them. `reductions` are pairs of
-    "max", "min" or "mean" and the index of an expression.
+    There are `size` expressions, which read only the `entries` (indices) of the state. The procedure `kernel`
+    evaluates them from time, state, and the parameters with all values that depend only on them. `reductions`
+    are pairs of "max", "min" or "mean" and the index of an expression.
     """
 
     kernel: Procedure

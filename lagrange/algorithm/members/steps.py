@@ -148,10 +148,7 @@ class StepSamples(Samples):
 
     @inline
     def gather(self, lines: Lines, step_numbers: WholesIn, with_neighbours: int) -> None:
-        """Store the end time of the step in `lines`. The other data of the step are in the block already.
-
-        The other arguments are not used.
-        """
+        """Store the end time of the step in `lines`: the block has all other data. Other arguments are not used."""
         lines.t_end[0] = self.end
 
 

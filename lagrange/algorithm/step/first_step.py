@@ -1,4 +1,4 @@
-"""The length of the first step of a run with error control, and the floors with which it begins.
+"""Length of the first step of a run with error control, and its first floors (absolute tolerances).
 
 The length of the first step follows from the change of the derivatives of the state over a short trial step.
 The jerk divided by the velocity is the square of a rate, in any units of the entries and for any origin of time

@@ -70,7 +70,7 @@ def event_noise(
     noise: Out,
     moved: Out,
 ) -> None:
-    """Write how much rounding of the time and the state may change each watched function to `noise`.
+    """Write the change of each watched function that rounding of the time and the state may cause to `noise`.
 
     `function` evaluates the functions at a time and a state from `numbers`; `values` are its results at time t
     and state y. The time and the `size` entries of the state are multiplied by `tilts`, which differ from 1 by
@@ -87,7 +87,7 @@ def event_noise(
 
 @inline
 def write_noise(view: WatchedView, numbers: In, t: float, state: In) -> None:
-    """Write how much rounding of the time and the `state` may change each watched function to scratch memory.
+    """Write the change of each watched function that rounding of time and `state` may cause to scratch memory.
 
     The scratch memory must contain the values of the functions at the `state`. `numbers` are the parameters and
     all values that depend only on them.

@@ -121,7 +121,7 @@ def take_step(arguments: Arguments, exponent: float, *, layout: TaylorLayout) ->
         final = final and is_whole
         s = taken
         run.h = h
-    # A series that terminates may not satisfy the equations on a longer step. An event may have shortened it.
+    # A series that terminates may not satisfy the equations on a much longer step, for example after an event.
     is_longer = abs(h) > STEP_GROWTH * abs(held.h)
     if unlikely(is_ending and is_longer and not retries_exhausted(taylor)):
         numbers, sizes = numbers_of(arguments, layout), (run.rtol, arguments.floors)

@@ -1,4 +1,4 @@
-"""Memory layout of a Taylor step: the state, its rounding errors, and the rows of coefficients of the series.
+"""Memory layout of a Taylor step, and constants of Taylor steps: lowest order, margins, radius fraction.
 
 A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one
 number.

@@ -1,4 +1,4 @@
-"""Evaluation of a program instruction by instruction, the reference of all kernels, and its rounding noise.
+"""Evaluation of a program instruction by instruction, the reference of all kernels; and bounds of its rounding noise.
 
 The numbers may be of any type. Two types are doubles, and doubles with a bound of their rounding error, the noise. The
 error of a result is its own rounding plus its change when its arguments change by their errors. A linear system carries

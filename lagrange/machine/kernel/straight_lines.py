@@ -231,8 +231,8 @@ class _Checked(_Floats):
         self.depth = 2
 
     def unpacked(self) -> list[str]:
-        # Comparing sizes is enough if no input is itself a result. Rows of a matrix are lists, which cannot be added to
-        # t.
+        # If an input is also a result, its size is enough: a row of a matrix is a list, which fails in the sum of the
+        # results. Otherwise shapes are compared.
         *results, _ = operands(self.procedure.body[-1])
         returned = any(parameter.ref in results for parameter in self.procedure.parameters[1:-1])
         lines, names, first = [], [], 0

@@ -1,4 +1,4 @@
-"""Fast access to the address of an array's data: `ctypes.data` takes longer than a call of a small kernel."""
+"""Address of an array's data, read quickly: `ctypes.data` takes longer than a call of a small kernel."""
 
 from __future__ import annotations
 

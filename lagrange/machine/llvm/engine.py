@@ -1,4 +1,4 @@
-"""Compile IR with LLVM, keep the machine code in a cache in memory by the text of its IR, load it, and call it.
+"""Compile IR with LLVM, optimized only after many steps; cache the machine code in memory, load it, and call it.
 
 Code may be tiered: compiled quickly at first, and with optimization after many steps. Both versions do the same
 operations in the same order, so that results agree to the last bit. LLVM reassociates or contracts operations only with

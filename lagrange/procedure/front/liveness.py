@@ -20,10 +20,10 @@ class Carried(NamedTuple):
 
     on: Names
     anew: Names = NOTHING
-    """Names among them that all branches set, so that their values before the statement do not matter."""
+    """Carried names that all branches set, so that their values before the statement do not matter."""
 
     across: Names = NOTHING
-    """Names that one branch sets, and another branch reads before it sets them."""
+    """Carried names that one branch sets, and another branch reads before it sets them."""
 
 
 def carried(body: Sequence[ast.stmt]) -> Mapping[ast.stmt, Carried]:

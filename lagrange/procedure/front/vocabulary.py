@@ -1,4 +1,4 @@
-"""Functions and types for plain procedures in addition to Python's own: `each` loops, arithmetic rounded once, arrays.
+"""Functions and types for plain procedures in addition to Python's: `each` loops, arithmetic rounded once, arrays.
 
 All of them also work on plain numbers, so that a procedure runs in Python. `docs/dev/procedures.md` defines their
 meaning in a compiled procedure.

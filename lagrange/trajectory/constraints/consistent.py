@@ -111,7 +111,7 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
     Velocities of coordinates without inertia are computed if they are zero. For a state that misses the constraints
     by more than rounding, raises StatementError, which names the constraints.
     """
-    if not len(model.equations.constraints) or residuals_of(model).hold(t, y, parameters):
+    if not len(model.equations.constraints) or residuals_of(model).are_zero(t, y, parameters):
         return y
     projection = Projection(model, t, parameters)
     y = projection.completed(y)

@@ -96,8 +96,8 @@ class ConstraintResiduals:
         self._corners = _kernel(model, (*surfaces, *term_sizes(surfaces), *slopes)) if surfaces else None
         self._surfaces = _kernel(model, surfaces) if surfaces else None
 
-    def hold(self, t: float, y: FloatArray, parameters: FloatArray) -> bool:
-        """Return True if a state satisfies the constraints up to rounding, and is not at a corner of a constraint.
+    def are_zero(self, t: float, y: FloatArray, parameters: FloatArray) -> bool:
+        """Return True if the constraints at a state are zero up to rounding, and the state is not at a corner of one.
 
         The tolerance is relative to the terms of each constraint.
         """

@@ -69,9 +69,9 @@ def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any
 
 @lru_cache(maxsize=MODELS_KEPT)
 def _rows(model: Model) -> tuple[list[list[int]], list[int], NDArray[np.intp]]:
-    """Return the rows of each contact of a model, the row of each gap rate, and the contact of each row.
+    """Return for each contact the indices of its rows and of its dgap/dt; and the contact of each row.
 
-    They are the attributes `rows`, `normals` and `owners` of `Kinematics`.
+    A row is a rate: dgap/dt or a slip. The results are `rows`, `normals` and `owners` of `Kinematics`.
     """
     sizes = [1 + len(contact.slip) for contact in model.statement.contacts]
     normals = [sum(sizes[:i]) for i in range(len(sizes))]

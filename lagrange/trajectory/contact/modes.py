@@ -115,7 +115,7 @@ class Modes:
         self._prepared: dict[tuple[Any, ...], PreparedMode] = {}
 
     def friction(self, mode: Mode) -> WrittenFriction | None:
-        """Return the friction of the only closed contact of a mode as a model with events, or None if not possible."""
+        """Return a model in which the friction of the only closed contact is resets of events; None if impossible."""
         closed = mode.closed
         if len(closed) != 1 or mode.states[closed[0]] == CLOSED or mode.bouncing or mode.independent is not None:
             return None

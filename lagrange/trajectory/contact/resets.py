@@ -82,9 +82,9 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
         results += [impulse, (1 - e**2) * speed**2 / (2 * compliance), speed]
         moved = [(x, v, change) for x, v, change in zip(q, rates, response, strict=True) if change != 0]
         reset = {v: v + change * impulse for _, v, change in moved}
-        # Rounding of the gap would not be small compared with the last flights.
+        # The gap is set to zero: its rounding would not be small compared with the last flights.
         reset |= {x: x - change * contact.gap / compliance for x, _, change in moved}
-        # A series locates the zero of another gap only to the tolerance of the run, which is not enough.
+        # The zero of a gap that is not a polynomial is located only to the tolerance of the run, which is not enough.
         exact = contact.gap.is_polynomial(*q, time)
         long = sum(int(value.count_ops()) for value in reset.values()) > LONGEST_RESET
         resets.append(None if contact.restitution.is_zero or long or not exact else reset)

@@ -291,7 +291,7 @@ class _ContactRun:
                 model=prepared.model,
                 events=prepared.events,
                 t1=until,
-                # A slip in a plane that is smaller than the errors of a run is stiff.
+                # For slips in a plane near zero the equations are stiff: tolerances then follow the segment's sizes.
                 largest=None if mode.slowest else self.largest,
                 t_eval=None if outputs is None else outputs[outputs <= until],
             )
@@ -511,7 +511,7 @@ class _ContactRun:
 
 
 def _ended(part: Trajectory, y: FloatArray) -> Trajectory:
-    """Return a segment with y (2n,) in place of its last state, if its end is an output."""
+    """Return a segment in which y (2n,) replaces the last state, if the end of the segment is an output."""
     if not len(part.t) or part.t[-1] != part.span[1] or (part.y[:, -1] == y).all():
         return part
     return replace(part, y=np.column_stack([part.y[:, :-1], y]))

@@ -111,11 +111,11 @@ def reset_state(
     first = next(iter(resets))
     if first.model is None or not first.constrained:
         return after, EventResult()
-    hold = residuals_of(first.model).hold
+    are_zero = residuals_of(first.model).are_zero
     # Velocities without inertia that no reset sets follow from the equations.
     named = [row for event in resets for row in event.rows]
     left = [row for row in first.model.equations.following if row not in named]
-    if not left and hold(t, before, parameters) and hold(t, after, parameters):
+    if not left and are_zero(t, before, parameters) and are_zero(t, after, parameters):
         return after, EventResult()
     projection = Projection(first.model, t, parameters)
     if left:

@@ -108,10 +108,10 @@ class WatchedEvents:
     ) -> None:
         """Write the signs of the event functions and the counts of events to the memory of the compiled loop.
 
-        `zero_sides` has the sign (side of zero) of each function. `occurrences` has those of each event so far. The
-        number of further occurrences until the caller has to act follows from them. `zero_sizes` maps each event that
-        counts as zero at the start of a smooth piece of motion to the size of its function there. `zeros` maps each
-        event that has just occurred to the direction of its zero.
+        `zero_sides` has the sign (side of zero) of each function. `occurrences` has those of each event so far, which
+        determine the number of further ones until the caller has to act. `zero_sizes` maps each event that counts as
+        zero at the start of a smooth piece of motion to the size of its function there. `zeros` maps each event that
+        has just occurred to the direction of its zero.
         """
         memory, events = self.memory, self.events
         memory.sign[:] = [side.sign for side in zero_sides]

@@ -81,7 +81,7 @@ class EventDriver:
         return None
 
     def _leave_to_arrays(self) -> None:
-        """Choose the number of next steps to search on arrays, not by machine code: 1, then twice the last number."""
+        """Set the number of next steps to search on arrays, not by machine code: 1 at first, then doubled each time."""
         self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, MOST_BETWEEN_REVIEWS)
 
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:

@@ -252,8 +252,8 @@ class StepWatch(EventLog):
         last = bool(batch.path.times[step + 1] == self.problem.t1)
         starting = self._at_zero(batch, step, watched)
         candidates = self._resting if begun is None or begun.rested else starting
-        resting = set() if begun is None else resting_contacts(begun, self.events, sample)
-        self._resting = frozenset(i for i in candidates if i in resting or rests(batch, step, sample, i))
+        still = set() if begun is None else resting_contacts(begun, self.events, sample)
+        self._resting = frozenset(i for i in candidates if i in still or rests(batch, step, sample, i))
         traces = {}
         for i in watched:
             if i in self._resting:
@@ -380,7 +380,7 @@ class StepWatch(EventLog):
                 self.occurrences[zero.which].append(sample.t + s * sample.h, sample.state(s), steps_before + 1)
 
     def _jump(self, zeros: Sequence[EventZero], all_zeros: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Reset the state by the events in `zeros`, and start a new motion. `all_zeros` are all at this time."""
+        """Reset the state by the events in `zeros`, and start a new motion. `all_zeros` has all zeros at this time."""
         before, model = state.y.copy(), self.problem.model
         values = self.kernel(state.t, before, self.parameters)
         resets = {self.events[zero.which]: zero.which for zero in zeros}

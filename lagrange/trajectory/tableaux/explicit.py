@@ -1,4 +1,4 @@
-"""The explicit Runge-Kutta methods of this package as data, with the sources of their coefficients."""
+"""Coefficients of the explicit Runge-Kutta methods (dopri5, tsit5, dop853, verner9, ...), with their sources."""
 
 from __future__ import annotations
 
