@@ -332,7 +332,7 @@ def gather(
     step_data: Out,
     neighbours: Out,
 ) -> None:
-    """Copy the times and states of `columns` steps of a run to `step_data`, by columns in the layout of `BlockSteps`.
+    """Copy the times and states of `columns` steps of a run to `step_data`, in the layout of `BlockSteps`.
 
     `starts` has the indices of these steps. `times` and `states` are those of the whole run, which has `steps`
     steps. If `with_neighbours` is 1, a neighbour of each step is copied to `neighbours`: the previous step, or the

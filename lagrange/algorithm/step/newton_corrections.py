@@ -429,7 +429,7 @@ def correct(work: Out, solve: SolveLayout) -> float:
 
 @inline
 def product_of(matrix: In, residual: In, solve: SolveLayout, count: int) -> MatrixProduct:
-    """Return a `MatrixProduct`, whose entries are computed on request, of a `matrix` and residuals.
+    """Return the product of a `matrix` and residuals. Entries of a `MatrixProduct` are computed on request.
 
     The matrix is stored by columns. `residual` has the vectors of residuals, of which the first `count` are
     used. A short product is written out, with the residuals in registers.

@@ -21,9 +21,9 @@ from lagrange.procedure.front.control import (
     Ended,
     Error,
     KnownBlock,
+    LikelyCondition,
     LoopBlock,
     Names,
-    Weighed,
     common_kind,
     described,
     is_dynamic,
@@ -72,7 +72,7 @@ class Tracer(Names):
 
         If the condition is known at build time, return only the branch to build.
         """
-        weighed = test if isinstance(test, Weighed) else Weighed(test, likely=True)
+        weighed = test if isinstance(test, LikelyCondition) else LikelyCondition(test, likely=True)
         condition = weighed.condition
         if not isinstance(condition, Value):
             return KnownBlock([bool(condition)])
@@ -179,7 +179,7 @@ class Tracer(Names):
 
     def opposite(self, condition: Any) -> Any:
         """Return the negated condition, a flag or a bool."""
-        condition = condition.condition if isinstance(condition, Weighed) else condition
+        condition = condition.condition if isinstance(condition, LikelyCondition) else condition
         return ~self.is_flag(condition) if isinstance(condition, Value) else not condition
 
     def joined(self, op: str, left: Any, right: Callable[[], Any]) -> Any:
@@ -187,7 +187,7 @@ class Tracer(Names):
 
         The operation becomes a branch, in which `right` runs only if needed, if `right` loads, calls or stores.
         """
-        left = left.condition if isinstance(left, Weighed) else left
+        left = left.condition if isinstance(left, LikelyCondition) else left
         if not isinstance(left, Value):
             return right() if bool(left) == (op == "and") else left
         with self.p.block() as body:
@@ -206,7 +206,7 @@ class Tracer(Names):
         Both values are computed if neither function loads, calls or stores. Otherwise a branch selects the function to
         run.
         """
-        condition = test.condition if isinstance(test, Weighed) else test
+        condition = test.condition if isinstance(test, LikelyCondition) else test
         if not isinstance(condition, Value):
             return then() if condition else otherwise()
         bodies, values = [], []
@@ -325,7 +325,7 @@ class Tracer(Names):
         computed.
         """
         if function in (likely, unlikely):
-            return Weighed(args[0], function is likely) if isinstance(args[0], Value) else args[0]
+            return LikelyCondition(args[0], function is likely) if isinstance(args[0], Value) else args[0]
         if isinstance(function, Local):
             return function.function(*args, **options)
         if function is generated:

@@ -34,7 +34,7 @@ class Missing:
 
 
 @dataclasses.dataclass(frozen=True)
-class Weighed:
+class LikelyCondition:
     """A condition that the function marked as `likely` (true) or unlikely (false)."""
 
     condition: Any
@@ -143,7 +143,7 @@ class Names:
 
         `what` names the number in the message.
         """
-        if isinstance(value, Weighed):
+        if isinstance(value, LikelyCondition):
             value = value.condition
         actual = kind_of(value)
         if actual is None:

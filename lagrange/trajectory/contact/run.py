@@ -417,7 +417,7 @@ class _ContactRun:
     def _after(self, mode: Mode) -> Transition:
         """Return the state and the mode after the last segment, which ended in `mode`, and after impacts at its end.
 
-        Contacts whose impacts accumulate stay closed; results report them as open up to the limit of the times.
+        Contacts with accumulating impacts stay closed, but results report them as open until these impacts have ended.
         """
         t = self.part.span[1]
         touch = self.kinematics.at(t, last_state(self.part) if self.end_state is None else self.end_state)

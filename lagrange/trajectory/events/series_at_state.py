@@ -66,8 +66,8 @@ class EventSeries:
     def leaving(self, which: int, margin: float = math.inf) -> tuple[int, int]:
         """Return the sign of event function `which` just after the state, and the order of the term that decides it.
 
-        If the function is not zero at the state, up to `margin`, return its sign there and 0. If it stays zero, return
-        0 and -1.
+        If the function exceeds the `margin` at the state, return its sign there and the order 0. If it stays zero,
+        return the sign 0 and the order -1.
         """
         tolerance = EVENT_SLACK * max(self.rtol, EPSILON)
         return leaving(self.watched[:, which], margin, self.unit, tolerance, float(self.noise[which]))
