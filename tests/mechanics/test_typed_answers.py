@@ -56,6 +56,15 @@ def test_a_whole_derivation_is_an_answer(name: str, style: str) -> None:
     assert system.compare(system.derivation().written(style))
 
 
+@pytest.mark.parametrize("style", ["text", "latex", "markdown"])
+def test_a_derivation_with_a_case_distinction_is_an_answer(style: str) -> None:
+    x, (m, k, l) = lg.coordinate("x"), lg.parameters("m k l")
+    potential = k * sp.Piecewise(((x + l) ** 2, x < -l), (0, x < l), ((x - l) ** 2, True)) / 2
+    printed = lg.System(m * x.dot**2 / 2, potential, name="gap").derivation().written(style)
+    assert lg.System(m * x.dot**2 / 2, potential, name="gap").compare(printed)
+    assert not lg.System(m * x.dot**2 / 2, 2 * potential, name="gap").compare(printed)
+
+
 def test_below_a_heading_of_a_whole_derivation_a_wrong_term_is_named() -> None:
     system = shared_scene("pendulum")
     wrong = str(system.derivation()).replace("theta_ddot + m*g*l", "theta_ddot - m*g*l")

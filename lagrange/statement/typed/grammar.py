@@ -14,7 +14,7 @@ from itertools import islice, product, zip_longest
 
 from lagrange.statement.typed.names import Names, Piece
 from lagrange.statement.typed.remarks import WORD, kind_of
-from lagrange.statement.typed.tokens import OPENING, Token
+from lagrange.statement.typed.tokens import OPENING, ORDERS, Token
 
 DEEPEST = 40  # Most levels of nested brackets, functions, fractions and exponents; the parser is recursive
 MOST_READINGS = 12  # Most readings of one text that are tried
@@ -387,10 +387,15 @@ class _Parser:
             self.index += 1
             parts.append(self.sum())
         self.bars = bars
-        if not self.next_is(OPENING[opened.text]):
-            raise self.fault(f"{OPENING[opened.text]!r} is expected")
-        self.index += 1
+        self.expect(OPENING[opened.text])
         return parts
+
+    def expect(self, *signs: str) -> str:
+        """Read one of these signs and return it. Raises TypedFault if another token stands there."""
+        if not self.next_is(*signs):
+            raise self.fault(f"{' or '.join(map(repr, signs))} is expected")
+        self.index += 1
+        return self.tokens[self.index - 1].text
 
     def symbol(self, token: _Symbol) -> Part:
         """Read a symbol, or a function call, whose first token `token` was read."""
@@ -407,6 +412,8 @@ class _Parser:
 
     def function(self, name: str, token: Token) -> Part:
         """Read the argument of a function, with or without brackets. An exponent may precede it, as in sin^2 x."""
+        if name == "Piecewise":
+            return self.cases()
         exponent = self.exponent()
         if exponent is not None and exponent.text == "-1" and name in ("sin", "cos", "tan", "sinh", "cosh", "tanh"):
             name, exponent = f"a{name}", None
@@ -416,6 +423,24 @@ class _Parser:
         else:
             value = self.called(name, [self.value() if self.next_is("\\frac") else self.bare_argument(token)])
         return value if exponent is None else Part(f"{value.text}**{exponent.at(ATOM)}", POWER, moves=value.moves)
+
+    def cases(self) -> Part:
+        """Read the rest of Piecewise((value, condition), ..., (value, True)). A condition is one comparison."""
+        text, moves, separator = "", False, "("
+        while True:
+            self.expect(separator)
+            self.expect("(")
+            value = self.sum()
+            self.expect(",")
+            if (token := self.peek()) is not None and token.text == "True":
+                self.index += 1
+                self.expect(")")
+                self.expect(")")
+                return Part(f"({text}{value.text})", moves=moves or value.moves)
+            left, sign, right = self.sum(), self.expect(*ORDERS), self.sum()
+            self.expect(")")
+            text += f"{value.text} if {left.text} {sign} {right.text} else "
+            moves, separator = moves or value.moves or left.moves or right.moves, ","
 
     def bare_argument(self, function: Token) -> Part:
         """Read an argument without brackets: factors up to the first that changes in time, as `2 omega t` or `k x`."""

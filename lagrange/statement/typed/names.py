@@ -34,7 +34,7 @@ _DERIVATIVE = re.compile(r"_?(?:d?dot)+$")
 class Piece:
     """One symbol or function within a word, with its strict name: that of scene files.
 
-    `kind` is "symbol", "function", "e" (Euler's number) or "pi". If the symbol is a derivative of a coordinate or
+    `kind` is "symbol", "function", "e" (Euler's number), "pi" or "condition". If the symbol is a derivative of a coordinate or
     given function, `base` is that function and `order` the order of the derivative. For other symbols `base` is "".
     `moves` is true if the symbol changes in time.
     """
@@ -77,6 +77,7 @@ class Names:
         self.exact = {typed: self.exact[name] for typed, name in rates if name in self.exact} | self.exact
         self.words = {name: Piece(ALIASES.get(name, name), "function") for name in FUNCTION_NAMES}
         self.words |= {name: Piece(strict, "function") for name, strict in FUNCTION_SPELLINGS.items()}
+        self.words |= {"Piecewise": Piece("Piecewise", "function"), "True": Piece("True", "condition")}
         self.words |= {"pi": Piece("pi", "pi"), "t": Piece("t", moves=True), "e": Piece("e", "e")}
         # Symbols of factors within a word. The letter e is left out, since too many words contain it.
         self._factors = {key: piece for key, piece in self.words.items() if piece.kind != "e"} | self.spellings

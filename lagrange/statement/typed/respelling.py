@@ -31,6 +31,15 @@ def _marked(match: re.Match[str]) -> str:
     return MATRIX.ljust(before) + inside + MATRIX_END.rjust(after)
 
 
+def _cases(match: re.Match[str]) -> str:
+    """Return the matched values with conditions, each row of LaTeX a pair, as Piecewise((value, condition), ...)."""
+    rows = re.sub(r"\\text\s*\{\s*otherwise\s*\}", lambda word: "True".ljust(len(word.group())), match.group(1))
+    begin = r"[,;]?\s*&(?:\s*\\text\s*\{\s*(?:if|for|falls)\s*\})?"  # The begin of a condition
+    rows = re.sub(begin, lambda mark: ",".ljust(len(mark.group())), rows)
+    rows = re.sub(r"\s*\\\\\s", lambda mark: "),(".ljust(len(mark.group())), rows).replace("\n", " ")
+    return "Piecewise((".ljust(match.start(1) - match.start()) + rows + "))".rjust(match.end() - match.end(1))
+
+
 _RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     # A row of a Markdown table: a label and an equation
     (r"^([ \t]*)\|([^|=\n]*:[ \t]*)\|([^|\n]*)\|([ \t]*)$", r"\1 \2 \3 \4"),
@@ -44,6 +53,8 @@ _RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
         r"|\\left\s*[(\[]\s*\\begin\{array\}(?:\{[^{}]*\})?(.*?)\\end\{array\}\s*\\right\s*[)\]]",
         _marked,
     ),
+    # Values with conditions. Equations in this frame, with a sign =, stay lines.
+    (r"\\begin\{cases\}([^=]*?&[^=]*?)\\end\{cases\}", _cases),
     # A new line of LaTeX, or the end of one formula and the begin of the next
     (r"\\\\(?:\[[^\]\n]*\])?|\$\s+\$|\\\]\s*\\\[|\\\)\s*\\\(", "\n"),
     # A fraction of TeX: {g \over l}

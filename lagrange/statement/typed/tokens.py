@@ -20,10 +20,14 @@ from lagrange.statement.vocabulary.letters import GREEK
 DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2, "\N{COMBINING THREE DOTS ABOVE}": 3}
 # Marks after a letter that mean derivatives, and their order
 PRIMES = {**dict.fromkeys("'’‘′´`˙", 1), **dict.fromkeys('"″”“¨', 2)}
+ORDERS = ("<", "<=", ">", ">=")  # Signs of a comparison
 # Signs of a formula, and their plain signs
 SIGNS = {
     "**": "^",
     "==": "=",
+    "≤": "<=",
+    "≥": ">=",
+    **{sign: sign for sign in ORDERS},
     **{mark: mark for mark in (*"+-*/^=()[]{}|,", *MATRIX_MARKS)},
     **dict.fromkeys("\u2212\u2013\u2014\u2010\u2011\u2012", "-"),
     **dict.fromkeys("·⋅×∗•", "*"),
@@ -36,6 +40,10 @@ _COMMAND_SIGNS = {
     **dict.fromkeys(("lvert", "rvert", "vert", "mid"), "|"),
     **dict.fromkeys(("lbrace", "lparen"), "("),
     **dict.fromkeys(("rbrace", "rparen"), ")"),
+    **dict.fromkeys(("le", "leq"), "<="),
+    **dict.fromkeys(("ge", "geq"), ">="),
+    "lt": "<",
+    "gt": ">",
     "div": "/",
     "prime": "'",
     "{": "(",
