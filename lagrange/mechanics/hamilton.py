@@ -21,6 +21,7 @@ from lagrange.mechanics.plain_form import (
     is_zero,
     momentum_names,
     number,
+    rational_below,
     simplest,
     size,
 )
@@ -193,25 +194,16 @@ def _by_length(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) ->
         definite = (sign * curved).is_positive_definite
         squared = sympy.Symbol("squared", nonnegative=True) if definite else sympy.Symbol("squared", real=True)
         length = {squared: simplest(sign * (column.T * along)[0])}
+        potential, kinetic = straight.as_independent(u, as_Add=True)
         candidates = []
         for root in sympy.solve(4 * slope**2 * (u - rest) - sign * squared, u):
             factored = {u: sympy.factor(sympy.cancel(root))}  # a product, of which roots are taken factor by factor
             factor = simplest((1 / (2 * slope)).xreplace(factored))
-            energy = _with_roots_together(sign * squared * factor - straight.xreplace(factored))
+            work = sign * squared * factor - kinetic.xreplace(factored)
+            energy = min((work, simplest(work), rational_below(work)), key=size) - potential
             candidates.append(([x * factor.xreplace(length) for x in along], energy.xreplace(length)))
         return candidates
     return []
-
-
-def _with_roots_together(expression: Any) -> Any:
-    """Return a sum whose terms with roots are put over one denominator."""
-    rooted: list[Any] = []
-    rest: list[Any] = []
-    for term in sympy.Add.make_args(sympy.expand(expression)):
-        has = any(not power.exp.is_Integer for power in term.atoms(sympy.Pow))
-        (rooted if has else rest).append(term)
-    whole = sympy.Add(*rooted)
-    return sympy.Add(min((whole, simplest(whole), sympy.radsimp(sympy.together(whole))), key=size), *rest)
 
 
 def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], velocities: Sequence[Any]) -> bool:

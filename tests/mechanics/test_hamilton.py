@@ -66,6 +66,16 @@ def test_hamiltons_equations_are_those_of_the_book() -> None:
     assert form.velocities == {theta: p / (m * l**2)}
 
 
+def test_a_relativistic_particle_among_charges_keeps_their_potential_as_it_is_stated() -> None:
+    """Only the roots of the kinetic energy are put over one denominator, not those of five distances."""
+    (m, c, *charges), x = lg.parameters("m c k0 k1 k2 k3 k4"), lg.coordinate("x")
+    potential = sum(k / sqrt(1 + (x - i) ** 2) for i, k in enumerate(charges))
+    system = lg.System(lagrangian=-m * c**2 * sqrt(1 - x.dot**2 / c**2) - potential)
+    hamiltonian = system.hamiltonian()
+    (p,) = hamiltonian.momenta.values()
+    assert hamiltonian.expression == potential + sqrt(c**4 * m**2 + c**2 * p**2)
+
+
 def test_a_relativistic_particle_in_a_field_has_the_energy_of_the_book() -> None:
     # Goldstein, Classical Mechanics, 3rd ed., section 8.4: H = sqrt((p - qA)^2 c^2 + m^2 c^4) + V.
     speed = x.dot**2 + y.dot**2
