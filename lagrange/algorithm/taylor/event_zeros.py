@@ -87,7 +87,7 @@ def zeros_on_step(
             for j in range(count, count + more):
                 zeros.places[j] = i
             if until:
-                may_change, expected = view.reset_sizes[i] > 0 or not view.is_event(i), view.directions[i]
+                may_change, expected = view.moves(i), view.directions[i]
                 for j in range(count, count + more):
                     at = zeros.times[j]
                     changes = may_change and is_counted(zeros.directions[j], expected)
@@ -402,9 +402,9 @@ def change_on_step(zeros: Zeros, count: int, watched: Watched) -> int:
     if watched.watch.changing == 0:
         return -1
     for i in range(view.layout.watched):
-        terminal, changes = view.terminals[i], view.reset_sizes[i] > 0 or not view.is_event(i)
+        terminal = view.terminals[i]
         left = max(terminal - view.event_counts[i], 1) if terminal > 0 else 0
-        view.remaining[i] = 1 if changes else left
+        view.remaining[i] = 1 if view.moves(i) else left
     return first_change(count, zeros.places, zeros.directions, view.directions, view.remaining)
 
 

@@ -264,6 +264,11 @@ class WatchedView:
         return index >= self.watched.watch.surfaces
 
     @inline
+    def moves(self, index: int) -> bool:
+        """Return True if each counted zero of function number `index` changes the motion: a reset or a surface."""
+        return self.reset_sizes[index] > 0 or not self.is_event(index)
+
+    @inline
     def is_last(self, index: int, count: int) -> Any:
         """Return True if the run ends when event function number `index` has had `count` events."""
         terminal = self.terminals[index]
