@@ -24,6 +24,9 @@ from lagrange.statement.statement import Statement
 LONGEST_FACTORED = 400
 """Largest number of operations in an expression that is expanded and factored, in about 0.2 s."""
 
+MOST_TERMS = 2_000
+"""Largest number of terms of an expression, multiplied out, that is expanded and factored: one of 1,300 takes 1 s."""
+
 MOST_SYMBOLS = 12
 """Largest number of symbols, functions and roots in an expression that is factored: more take long."""
 
@@ -49,8 +52,8 @@ def simplest(expression: Any) -> Any:
     exponents = [power.exp for power in best.atoms(sympy.Pow) if power.exp.is_Rational]
     few = _generators(best) <= MOST_SYMBOLS and all(max(abs(e.p), e.q) <= HIGHEST_DEGREE for e in exponents)
     if size(best) <= LONGEST_FACTORED:
-        best = min((best, sympy.expand(best), sympy.factor_terms(best)), key=size)
-        if few:
+        best = min((best, multiplied_out(best), sympy.factor_terms(best)), key=size)
+        if few and term_count(best) <= MOST_TERMS:
             best = min((best, sympy.factor(best)), key=size)
     if any(f.args[0].has(*_INVERSES) for f in best.atoms(*_ANGLES)):
         best = min((best, sympy.expand_trig(best), sympy.factor(sympy.expand_trig(best))), key=size)
@@ -124,6 +127,24 @@ def _generators(expression: Any) -> int:
     """Return the number of symbols, trigonometric functions and roots in an expression."""
     roots = [power for power in expression.atoms(sympy.Pow) if not power.exp.is_Integer]
     return len(expression.free_symbols) + len(expression.atoms(*_ANGLES)) + len(roots)
+
+
+def term_count(expression: Any) -> int:
+    """Return the largest number of terms that an expression may have after expansion; a function counts as one."""
+    if expression.is_Add:
+        return sum(map(term_count, expression.args))
+    if expression.is_Mul:
+        return math.prod(map(term_count, expression.args))
+    if expression.is_Pow and expression.exp.is_Integer:
+        exponent = abs(int(expression.exp))
+        return math.comb(term_count(expression.base) + exponent - 1, exponent)
+    return 1
+
+
+def multiplied_out(expression: Any) -> Any:
+    """Return an expression multiplied out; unchanged if it is long, or would be then."""
+    few = size(expression) <= LONGEST_FACTORED and term_count(expression) <= MOST_TERMS
+    return sympy.expand(expression) if few else expression
 
 
 def size(expression: Any) -> int:

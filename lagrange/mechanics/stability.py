@@ -21,6 +21,7 @@ from lagrange.mechanics.linearization import Linearization, linearized_at
 from lagrange.mechanics.plain_form import (
     PlainForm,
     is_zero,
+    multiplied_out,
     number,
     numeric,
     real,
@@ -278,7 +279,7 @@ def has_energy(form: PlainForm) -> bool:
     if not vanishes(form, form.lagrangian.diff(t)) or not only_brakes(form):
         return False
     forces = [force.xreplace(form.plain) for force in form.statement.forces]
-    power = sympy.expand(sympy.Add(*(force * v for force, v in zip(forces, form.v, strict=True))))
+    power = multiplied_out(sympy.Add(*(force * v for force, v in zip(forces, form.v, strict=True))))
     return all(term.is_nonpositive for term in sympy.Add.make_args(power)) or all(
         vanishes(form, form.read(force)) for force in forces
     )

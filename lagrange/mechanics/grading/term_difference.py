@@ -9,12 +9,13 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
-from math import comb, inf, prod
+from math import inf
 from typing import Any, Literal
 
 import sympy
 
 from lagrange.mechanics.grading.student_equations import HELD
+from lagrange.mechanics.plain_form import term_count
 
 Numbers = list[Any]  # Values of an expression at the samples
 Write = Callable[[Any], str]  # Function that returns the text of an expression in plain symbols
@@ -82,7 +83,7 @@ def expanded(expression: Any) -> tuple[Any, ...]:
     """
     check_budget()
     powers = [power for power in expression.atoms(sympy.Pow) if power.base.is_Add and power.exp.is_Integer]
-    if all(abs(power.exp) <= LARGEST_POWER for power in powers) and expansion(expression) <= LARGEST_EXPANSION:
+    if all(abs(power.exp) <= LARGEST_POWER for power in powers) and term_count(expression) <= LARGEST_EXPANSION:
         angles = [call.args[0] for call in expression.atoms(sympy.sin, sympy.cos, sympy.tan)]
         multiples = (abs(term.as_coeff_Mul()[0]) for angle in angles for term in sympy.Add.make_args(angle))
         # The sine of n times an angle becomes a polynomial of degree n.
@@ -171,16 +172,5 @@ def check_size(*expressions: Any) -> None:
     """Raise BudgetSpent if an expression is so large that a single call of SymPy would take too long."""
     calls = {call for expression in expressions for call in expression.atoms(*_GROWING)}
     numbers = {abs(number) for call in calls for number in call.args[0].atoms(sympy.Number)}
-    if max(numbers, default=0) > LARGEST_NUMBER or any(expansion(x) > LARGEST_EXPANSION for x in expressions):
+    if max(numbers, default=0) > LARGEST_NUMBER or any(term_count(x) > LARGEST_EXPANSION for x in expressions):
         raise BudgetSpent
-
-
-def expansion(expression: Any) -> int:
-    """Return the number of terms that an expression has after expansion; functions and large powers count as one."""
-    if expression.is_Add:
-        return sum(map(expansion, expression.args))
-    if expression.is_Mul:
-        return prod(map(expansion, expression.args))
-    if expression.is_Pow and expression.exp.is_Integer and 1 < expression.exp <= LARGEST_POWER:
-        return comb(expansion(expression.base) + int(expression.exp) - 1, int(expression.exp))
-    return 1

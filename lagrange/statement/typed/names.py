@@ -34,8 +34,9 @@ _DERIVATIVE = re.compile(r"_?(?:d?dot)+$")
 class Piece:
     """One symbol or function within a word, with its strict name: that of scene files.
 
-    `kind` is "symbol", "function", "e" (Euler's number), "pi" or "condition". If the symbol is a derivative of a coordinate or
-    given function, `base` is that function and `order` the order of the derivative. For other symbols `base` is "".
+    `kind` is "symbol", "function", "e" (Euler's number), "pi" or "condition". If the symbol is a derivative of a
+    coordinate or given function, `base` is that function and `order` the order of the derivative. For other symbols
+    `base` is "".
     `moves` is true if the symbol changes in time.
     """
 
