@@ -192,13 +192,9 @@ class _Problem:
     def searched(self) -> list[dict[Any, Any]]:
         """Return numerical equilibria, {symbol: value} each. Raises StatementError if parameters lack values."""
         statement = self.statement
-        missing = [p.name for p in statement.parameters if p not in statement.defaults]
-        if missing:
-            raise StatementError(
-                f"the equilibria of {statement.name} are not found in symbols, and for a search by number "
-                f"{listing(missing)} {'has' if len(missing) == 1 else 'have'} no value: state "
-                f"{statement.name} with parameters={{'{missing[0]}': 1.0}}."
-            )
+        statement.require_parameters(
+            f"the equilibria of {statement.name} are not found in symbols, and for a search by number"
+        )
         values = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
         ends = numeric_roots(
             [equation.xreplace(values) for equation in self.equations],

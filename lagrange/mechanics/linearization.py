@@ -238,7 +238,7 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
         numbers = {p: sympy.Rational(x) for p, x in sample.parameters.items()} | {t: sympy.Rational(sample.t)}
         return _both(lin, point, model, numbers | {u: x.xreplace(numbers) for u, x in point.inputs.items()})
 
-    if all(p in statement.defaults for p in statement.parameters if p not in point.inputs):
+    if not set(statement.without_values) - set(point.inputs):
         defaults = {p: statement.defaults.get(p, 0.0) for p in statement.parameters}
         zero = (0.0,) * len(statement.coordinates)
         agrees("the linearization", statement, SamplePoint(zero, zero, 0.3, defaults, "the point given"), at_point)
@@ -318,7 +318,7 @@ def check_turns(lin: Linearization, changes: SmallChanges, point: StatedPoint, m
     They are compared at the stated values of the parameters, if all have one.
     """
     statement = point.form.statement
-    if any(p not in statement.defaults for p in statement.parameters if p not in point.inputs):
+    if set(statement.without_values) - set(point.inputs):
         return
     numbers = {p: sympy.Float(x, 30) for p, x in statement.defaults.items()} | {t: sympy.S.Zero}
     numbers |= {u: x.xreplace(numbers) for u, x in point.inputs.items()}

@@ -139,11 +139,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
     short = not point.decimal and lin.M.rows <= LARGEST_SYMBOLIC and not has_long_formulas(lin)
     symbolic = _symbolic(lin) if short else None
     if symbolic is None and values is None:
-        missing = [p.name for p in statement.parameters if p not in statement.defaults]
-        raise StatementError(
-            f"the modes of {statement.name} are not found in symbols, and for numbers {listing(missing)} "
-            f"{'has' if len(missing) == 1 else 'have'} no value: give parameters={{'{(missing or ['m'])[0]}': 1.0}}."
-        )
+        statement.require_parameters(f"the modes of {statement.name} are not found in symbols, and for numbers")
     verdict = stability_of(lin, point)
     if symbolic is not None:
         roots, shapes = symbolic
@@ -396,13 +392,7 @@ def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
     """
     form, lin = PlainForm(statement), modes.linearization
     constants = statement.defaults
-    missing = [p.name for p in statement.parameters if p not in statement.defaults]
-    if missing:
-        raise StatementError(
-            f"shapes are drawn at values of the parameters, and {listing(missing)} "
-            f"{'has' if len(missing) == 1 else 'have'} none: state {statement.name} with "
-            f"parameters={{{missing[0]!r}: 1.0}}."
-        )
+    statement.require_parameters("shapes are drawn at values of the parameters, and")
     basis = np.array([[number(x, constants).real for x in row] for row in lin.basis.tolist()], dtype=float)
     raw = np.array([[number(x, constants) for x in shape] for shape in modes.shapes]) @ basis.T
     # The real part of each shape, after division by its largest component.

@@ -160,7 +160,7 @@ def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
     unknowns = [statement.coordinates.index(q) for q in change.new]
     example = f"initial={{{name_of(change.new[0])}: ...}}"
     parameters = {p for x in change.expressions for p in x.free_symbols if p in statement.parameters}
-    if missing := [p.name for p in statement.parameters if p in parameters and p not in statement.defaults]:
+    if missing := [p.name for p in statement.without_values if p in parameters]:
         if any(positions) or any(rates):
             raise StatementError(
                 f"the initial state in the new coordinates needs a value of {listing(missing)}: give one, or {example}."

@@ -245,6 +245,19 @@ class Statement:
         return any(rate.xreplace(at_rest) != 0 for rate in rates)
 
     @property
+    def without_values(self) -> list[Symbol]:
+        """The parameters that have no default value."""
+        return [p for p in self.parameters if p not in self.defaults]
+
+    def require_parameters(self, reason: str) -> None:
+        """Raise StatementError if a parameter has no default value. `reason` begins the message: "..., and"."""
+        if names := [p.name for p in self.without_values]:
+            raise StatementError(
+                f"{reason} {listing(names)} {'has' if len(names) == 1 else 'have'} no value: state {self.name} with "
+                f"parameters={{{names[0]!r}: 1.0}}."
+            )
+
+    @property
     def unused(self) -> tuple[Symbol, ...]:
         """Parameters that no energy, force, constraint, position or given function contains."""
         stated = [self.kinetic, self.potential, self.dissipation, *self.forces]

@@ -245,7 +245,7 @@ def test_displacements_are_the_derivatives_of_the_positions() -> None:
 
 def test_shapes_want_values_of_the_parameters() -> None:
     open_ended = lg.System(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={m: 1.0})
-    with pytest.raises(StatementError, match="shapes are drawn at values of the parameters, and k has none"):
+    with pytest.raises(StatementError, match="shapes are drawn at values of the parameters, and k has no value"):
         open_ended.modes().plot()
 
 

@@ -41,8 +41,7 @@ class BookOrder:
     def __init__(self, statement: Statement) -> None:
         plain = list(statement.plain.values())
         self.rank: dict[Any, tuple[int, int, int]] = {}
-        unset = [p for p in statement.parameters if p not in statement.defaults]
-        stated = [*statement.defaults, *sorted(unset, key=_natural)]
+        stated = [*statement.defaults, *sorted(statement.without_values, key=_natural)]
         for index, parameter in enumerate(stated):
             head, _ = index_parts(parameter.name)
             self.rank[parameter] = (PARAMETER, CLASS_OF.get(head, OTHERS), index)
