@@ -20,11 +20,19 @@ import sympy
 from lagrange.equations.terms import printable, with_known_signs
 from lagrange.errors import FAULT, RunError, StatementError, formula, listing
 from lagrange.mechanics.expansion import StatedPoint, edges, on_side, stated_point, with_lengths
-from lagrange.mechanics.linearization import linearized_at
+from lagrange.mechanics.linearization import is_false_pole, linearized_at
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simplest, size_of_terms
 from lagrange.mechanics.reduction import rewritten
 from lagrange.mechanics.roots import STARTS, numeric_roots, solved
-from lagrange.mechanics.stability import AT_POLE, NO_INERTIA, Verdict, criterion, ignorable, is_false_pole, stability_of
+from lagrange.mechanics.stability import (
+    AT_POLE,
+    NO_INERTIA,
+    Verdict,
+    criterion,
+    each_pole_once,
+    ignorable,
+    stability_of,
+)
 from lagrange.statement.coordinate import coordinate_of, rotation_name, t, velocity_of
 from lagrange.statement.display import ShownAsPage
 from lagrange.statement.expression import check_once, expression
@@ -93,6 +101,7 @@ def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
     form = PlainForm(with_lengths(statement))
     problem = _Problem(form, ignorable(form), rates)
     solutions, exact = problem.solutions()
+    solutions = problem.each_pole_once(solutions)
     if len(solutions) > MOST_PLACES:
         raise StatementError(problem.too_many(len(solutions)))
     records = [problem.record(values, exact=exact) for values in solutions]
@@ -189,6 +198,17 @@ class _Problem:
         symbolic = solved(self.equations, (*self.unknowns, *self.multipliers))
         return (self.searched(), False) if symbolic is None else (symbolic, True)
 
+    def each_pole_once(self, solutions: Sequence[dict[Any, Any]]) -> list[dict[Any, Any]]:
+        """Return the solutions, of those at one pole only one: if there is one, that with an arbitrary longitude."""
+        first = sorted(solutions, key=len)
+        return [first[k] for k in each_pole_once([self.point(values) for values in first])]
+
+    def point(self, values: Mapping[Any, Any]) -> StatedPoint:
+        """Return the point of a solution {symbol: value}; arbitrary coordinates are zero."""
+        q, arbitrary = self.form.q, dict.fromkeys(self.form.q, sympy.S.Zero)
+        places = tuple(self.principal(x, values[x]).xreplace(arbitrary) if x in values else sympy.S.Zero for x in q)
+        return StatedPoint(self.form, places, tuple(self.speeds.get(v, sympy.S.Zero) for v in self.form.v), {})
+
     def searched(self) -> list[dict[Any, Any]]:
         """Return numerical equilibria, {symbol: value} each. Raises StatementError if parameters lack values."""
         statement = self.statement
@@ -274,15 +294,12 @@ class _Problem:
             for q, symbol in zip(statement.coordinates, form.q, strict=True)
         }
         speeds = {v: self.speeds[x] for v, x in zip(statement.velocities, form.v, strict=True) if x in self.speeds}
-        zero = sympy.S.Zero
-        q = tuple(zero if x.free_symbols & set(form.q) == {x} else x for x in coordinates.values())
-        q = tuple(x.xreplace(dict.fromkeys(form.q, zero)) for x in q)
-        point = StatedPoint(form, q, tuple(self.speeds.get(v, zero) for v in form.v), {})
+        point = self.point(values)
         condition = _condition([*values.values()])
         numbers = point.numbers if len(point.numbers) == len(statement.parameters) else None
         exists = True if condition == sympy.true else None
         if numbers is not None:
-            exists = all(x == x and abs(x.imag) < 1e-12 for x in (number(x, numbers) for x in q))
+            exists = all(x == x and abs(x.imag) < 1e-12 for x in (number(x, numbers) for x in point.q))
             if exact:
                 self.check(values, numbers, exists=exists)
         decided, minors = Verdict(stable=None, reason="it does not exist at the values of the parameters."), ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,11 +13,12 @@ import numpy as np
 import sympy
 
 from lagrange.equations.regularity import known_statement
+from lagrange.equations.terms import with_known_signs
 from lagrange.errors import FAULT, RunError, StatementError, formula, listing
 from lagrange.evidence.formula_comparison import agrees, compared
 from lagrange.machine.model import Model, Stated
-from lagrange.mechanics.expansion import INPUT_REMEDY, StatedPoint, stated_point, with_inputs_as_parameters
-from lagrange.mechanics.plain_form import Shortener, in_decimals, numeric, simplest, vanishes_in_symbols
+from lagrange.mechanics.expansion import INPUT_REMEDY, StatedPoint, edges, stated_point, with_inputs_as_parameters
+from lagrange.mechanics.plain_form import Shortener, in_decimals, is_zero, numeric, simplest, size, vanishes_in_symbols
 from lagrange.mechanics.small_changes import SmallChanges, small_changes
 from lagrange.statement.coordinate import t
 from lagrange.statement.display import ShownAsPage, announced
@@ -184,7 +186,7 @@ def linearized_at(point: StatedPoint, changes: SmallChanges | None = None) -> Li
             point.is_zero(x, ()) for x in (*K[:, moving], *K[rows, :])
         )
     velocities = {v: x for v, x in zip(statement.velocities, point.v, strict=True) if x != 0}
-    return Linearization(
+    linearization = Linearization(
         coordinates=tuple(read.coordinates[i] for i in positions),
         velocity_coordinates=tuple(read.coordinates[i] for i in speeds),
         at=MappingProxyType(dict(zip(statement.coordinates, point.q, strict=True)) | velocities | dict(point.inputs)),
@@ -194,6 +196,81 @@ def linearized_at(point: StatedPoint, changes: SmallChanges | None = None) -> Li
         note=_note(point, changes.unbalanced, [read.names[i] for i in speeds], balanced, steady),
         statement=statement,
     )
+    if linearization.equilibrium and not has_inertia(linearization) and is_false_pole(point):
+        return replace(linearization, equilibrium=False, note=FALSE_POLE)
+    return linearization
+
+
+FALSE_POLE = "Away from equilibrium: the mass matrix is singular here, and next to this point the forces do not vanish."
+
+
+MOST_OPERATIONS = 150
+"""Largest number of operations in M, C and K together for determinants in symbols.
+
+Those of 3 coordinates with 112 operations take 0.3 s, those of 2 coordinates with 255 operations some minutes.
+"""
+
+SAMPLES = 4  # Number of random values of the symbols at which a mass matrix with long formulas is evaluated
+POLE_DISTANCES = (1e-3, 1e-4, 1e-5)  # Changes of coordinates from a pole to the points at which a force is evaluated
+SAME_SQUARE = 0.9  # Squares of a force that tend to one number near a point differ by less than this factor
+
+
+def has_inertia(lin: Linearization) -> bool:
+    """Return True if the mass matrix M is regular, as it is wherever the coordinates are regular.
+
+    A matrix with long formulas is regular if its rank is full at some of `SAMPLES` random values of its symbols.
+    """
+    if not has_long_formulas(lin):
+        return not is_zero(lin.M.det(method="berkowitz"))
+    draw = random.Random(7)
+    symbols = sorted(lin.M.free_symbols, key=str)
+    samples = [{x: sympy.Rational(draw.randrange(64, 256), 128) for x in symbols} for _ in range(SAMPLES)]
+    masses = [numeric(lin.M, sample) for sample in samples]
+    return any(np.isfinite(mass).all() and np.linalg.matrix_rank(mass) == len(mass) for mass in masses)
+
+
+def has_long_formulas(lin: Linearization) -> bool:
+    """Return True if determinants and roots of M, C and K in symbols would take too long."""
+    return sum(size(x) for matrix in (lin.M, lin.C, lin.K) for x in matrix) > MOST_OPERATIONS
+
+
+def is_false_pole(point: StatedPoint) -> bool:
+    """Return True for a pole of the coordinates, such as theta = 0 on a sphere, that is not in balance.
+
+    The mass matrix M is singular there, and the forces F on the coordinates may vanish without balance. Next to the
+    point the square of a force per mass, F M^-1 F, tends to zero if the point is in balance. The result is True only if
+    it tends to one positive number from several directions, at the values of the parameters or at arbitrary ones.
+    """
+    form = point.form
+    still = {**dict.fromkeys(form.a, sympy.S.Zero), **dict(zip(form.v, point.v, strict=True))}
+    forces = sympy.Matrix([with_known_signs(residual.xreplace(still)) for residual in form.residuals])
+    if form.statement.constraints or any(map(edges, forces)):
+        return False
+    masses, place, known = masses_at(point)
+    n, squares = len(place), []
+    for distance in POLE_DISTANCES:
+        for k in range(3):
+            near = place + distance * np.cos(1 + 2 * k + (3 + k) * np.arange(n))
+            values = known | dict(zip(form.q, near.tolist(), strict=True))
+            force, mass = numeric(forces, values).ravel(), numeric(masses, values)
+            if not all(np.isrealobj(x) and np.isfinite(x).all() for x in (near, force, mass)):
+                return False
+            try:
+                squares.append(float(np.sum(np.linalg.solve(np.linalg.cholesky(mass), force) ** 2)))
+            except np.linalg.LinAlgError:  # M is singular not only at the point
+                return False
+    return min(squares) > SAME_SQUARE * max(squares)
+
+
+def masses_at(point: StatedPoint) -> tuple[Any, Any, dict[Any, Any]]:
+    """Return the mass matrix in plain coordinates, the coordinates of a point (n,), and the values of the parameters.
+
+    A parameter without a value gets an arbitrary one.
+    """
+    form, still = point.form, dict(zip(point.form.v, point.v, strict=True))
+    known = {p: sympy.Rational(15 + 4 * k, 11) for k, p in enumerate(form.statement.parameters)} | point.numbers
+    masses = sympy.Matrix([[p.diff(v).xreplace(still) for v in form.v] for p in form.momenta])
+    return masses, numeric(sympy.Matrix(point.q), known).ravel(), known
 
 
 def _note(

@@ -19,7 +19,7 @@ from lagrange.equations.solve_plan import distinct_values
 from lagrange.errors import FAULT, RunError, StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.mechanics.expansion import StatedPoint
-from lagrange.mechanics.linearization import Linearization
+from lagrange.mechanics.linearization import Linearization, has_inertia, has_long_formulas
 from lagrange.mechanics.plain_form import (
     PlainForm,
     is_zero,
@@ -33,8 +33,6 @@ from lagrange.mechanics.plain_form import (
 from lagrange.mechanics.stability import (
     REAL_PART,
     first_order_matrix,
-    has_inertia,
-    has_long_formulas,
     matrix_values,
     stability_of,
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -12,12 +11,20 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.equations.terms import differentiable, with_known_signs
+from lagrange.equations.terms import differentiable
 from lagrange.errors import RunError, StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.expansion import StatedPoint, edges, stated_point
-from lagrange.mechanics.linearization import Linearization, linearized_at
+from lagrange.mechanics.expansion import StatedPoint, stated_point
+from lagrange.mechanics.linearization import (
+    MOST_OPERATIONS,
+    POLE_DISTANCES,
+    Linearization,
+    has_inertia,
+    has_long_formulas,
+    linearized_at,
+    masses_at,
+)
 from lagrange.mechanics.plain_form import (
     PlainForm,
     is_zero,
@@ -26,7 +33,6 @@ from lagrange.mechanics.plain_form import (
     numeric,
     real,
     simplest,
-    size,
     vanishes,
     vanishes_in_symbols,
 )
@@ -39,16 +45,8 @@ from lagrange.statement.statement import Statement
 REAL_PART = 1e-6
 """Real parts below this fraction of the largest eigenvalue count as zero: double eigenvalues are accurate to 1e-8."""
 
-MOST_OPERATIONS = 150
-"""Largest number of operations in M, C and K together for determinants in symbols.
-
-Those of 3 coordinates with 112 operations take 0.3 s, those of 2 coordinates with 255 operations some minutes.
-"""
-
 LARGEST_DEGREE = 100  # Largest denominator of the degree of a term of the dissipation, such as 3/2
-SAMPLES = 4  # Number of random values of the symbols at which a mass matrix with long formulas is evaluated
-POLE_DISTANCES = (1e-3, 1e-4, 1e-5)  # Changes of coordinates from a pole to the points at which a force is evaluated
-SAME_SQUARE = 0.9  # Squares of a force that tend to one number near a point differ by less than this factor
+SAME_PLACE = 1e-9  # Momenta of a change of place below this fraction of the largest inertia are rounding
 DEFINITE = 1e-9  # Eigenvalues of a symmetric matrix below this fraction of its largest entry count as zero
 
 
@@ -128,53 +126,26 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
     return _numeric_verdict(mass, damping, stiffness, energetic=has_energy(form) and not carried)
 
 
-def has_inertia(lin: Linearization) -> bool:
-    """Return True if the mass matrix M is regular, as it is wherever the coordinates are regular.
+def each_pole_once(points: Sequence[StatedPoint]) -> list[int]:
+    """Return the indices of points, of those at the same pole only the first.
 
-    A matrix with long formulas is regular if its rank is full at some of `SAMPLES` random values of its symbols.
+    They differ in a direction without inertia, such as the longitude at a pole. Next to them every direction has some.
     """
-    if not has_long_formulas(lin):
-        return not is_zero(lin.M.det(method="berkowitz"))
-    draw = random.Random(7)
-    symbols = sorted(lin.M.free_symbols, key=str)
-    samples = [{x: sympy.Rational(draw.randrange(64, 256), 128) for x in symbols} for _ in range(SAMPLES)]
-    masses = [numeric(lin.M, sample) for sample in samples]
-    return any(np.isfinite(mass).all() and np.linalg.matrix_rank(mass) == len(mass) for mass in masses)
-
-
-def has_long_formulas(lin: Linearization) -> bool:
-    """Return True if determinants and roots of M, C and K in symbols would take too long."""
-    return sum(size(x) for matrix in (lin.M, lin.C, lin.K) for x in matrix) > MOST_OPERATIONS
-
-
-def is_false_pole(point: StatedPoint) -> bool:
-    """Return True for a pole of the coordinates, such as theta = 0 on a sphere, that is not in balance.
-
-    The mass matrix M is singular there, and the forces F on the coordinates may vanish without balance. Next to the
-    point the square of a force per mass, F M^-1 F, tends to zero if the point is in balance. The result is True only if
-    it tends to one positive number from several directions, at the values of the parameters or at arbitrary ones.
-    """
-    form = point.form
-    still = {**dict.fromkeys(form.a, sympy.S.Zero), **dict(zip(form.v, point.v, strict=True))}
-    forces = sympy.Matrix([with_known_signs(residual.xreplace(still)) for residual in form.residuals])
-    if form.statement.constraints or any(map(edges, forces)):
-        return False
-    known = {p: sympy.Rational(15 + 4 * k, 11) for k, p in enumerate(form.statement.parameters)} | point.numbers
-    masses = sympy.Matrix([[p.diff(v).xreplace(still) for v in form.v] for p in form.momenta])
-    place = numeric(sympy.Matrix(point.q), known).ravel()
-    n, squares = len(place), []
-    for distance in POLE_DISTANCES:
-        for k in range(3):
-            near = place + distance * np.cos(1 + 2 * k + (3 + k) * np.arange(n))
-            values = known | dict(zip(form.q, near.tolist(), strict=True))
-            force, mass = numeric(forces, values).ravel(), numeric(masses, values)
-            if not all(np.isrealobj(x) and np.isfinite(x).all() for x in (near, force, mass)):
-                return False
-            try:
-                squares.append(float(np.sum(np.linalg.solve(np.linalg.cholesky(mass), force) ** 2)))
-            except np.linalg.LinAlgError:  # M is singular not only at the point
-                return False
-    return min(squares) > SAME_SQUARE * max(squares)
+    indices, poles = list[int](), list[Any]()
+    for index, point in enumerate(points):
+        masses, place, known = masses_at(point)
+        near = place + POLE_DISTANCES[0] * np.cos(np.arange(len(place)))
+        mass, regular = (
+            numeric(masses, known | dict(zip(point.form.q, q.tolist(), strict=True))) for q in (place, near)
+        )
+        if np.isfinite(mass).all() and np.isfinite(regular).all():
+            rounding = SAME_PLACE * np.abs(mass).max()
+            if any(np.abs(mass @ (place - pole)).max() <= rounding for pole in poles):
+                continue
+            if min(np.linalg.svd(mass)[1]) <= rounding and np.linalg.matrix_rank(regular) == len(place):
+                poles.append(place)
+        indices.append(index)
+    return indices
 
 
 def criterion(lin: Linearization, fixed: tuple[int, ...], *, axial: bool = False) -> tuple[Any, ...]:

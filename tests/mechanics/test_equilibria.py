@@ -15,7 +15,7 @@ from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import equilibria as equilibria_module
 from lagrange.mechanics.plain_form import PlainForm
 from lagrange.mechanics.roots import solved
-from lagrange.mechanics.stability import only_brakes
+from lagrange.mechanics.stability import has_energy, only_brakes
 from tests.models import shared_scene
 from tests.refusals import refusal
 
@@ -394,6 +394,13 @@ def test_a_dissipation_brakes_if_its_terms_are_powers_of_the_velocities(dissipat
     assert only_brakes(PlainForm(system.statement)) is brakes
 
 
+def test_a_power_of_a_sum_with_thousands_of_terms_is_not_multiplied_out() -> None:
+    q = lg.coordinates(" ".join(f"q{i}" for i in range(8)))
+    drag = {x: -c * (1 + sum(q)) ** 8 * x.dot for x in q}
+    system = lg.System(sum(x.dot**2 for x in q) / 2, sum(x**2 for x in q) / 2, forces=drag)
+    assert has_energy(PlainForm(system.statement))
+
+
 FORCES = [
     ({x: -(x.dot**3)}, True),
     ({x: -sympy.Abs(x.dot) * x.dot, y: -c * (1 + x**2) * y.dot**5}, True),
@@ -461,7 +468,7 @@ BOB = m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2
 WEIGHT, SIDEWAYS = -m * g * l * cos(theta), l * sin(theta) * cos(phi)
 POLES = [
     (BOB, WEIGHT, 2),
-    (BOB, WEIGHT + k * SIDEWAYS**2, 10),  # the same place with several values of the other angle
+    (BOB, WEIGHT + k * SIDEWAYS**2, 2),  # the forces vanish there for several values of the other angle
     (BOB, WEIGHT + 2 * m * SIDEWAYS, 0),
     (m * (r.dot**2 + r**2 * phi.dot**2) / 2, k * r**2 / 2, 1),
     (m * (r.dot**2 + r**2 * phi.dot**2) / 2, k * r**2 / 2 + m * g * r * sin(phi), 0),
@@ -480,6 +487,13 @@ def test_poles_of_coordinates_are_listed_if_they_are_in_balance(
     system = lg.System(kinetic, potential, coordinates=[radius, phi], parameters=known)
     places = [item.coordinates[radius] for item in system.equilibria()]
     assert len([place for place in places if place in (0, pi)]) == poles
+
+
+def test_a_search_by_number_lists_a_pole_once() -> None:
+    potential = WEIGHT + k * SIDEWAYS**2 + exp(SIDEWAYS**2) * (sin(theta) * sin(phi)) ** 2
+    system = lg.System(BOB, potential, parameters={"m": 1, "g": 9.81, "l": 1, "k": 3})
+    places = [float(item.coordinates[theta]) for item in system.equilibria()]
+    assert [abs(place) % 3.14159265358979 < 1e-6 for place in places].count(True) == 2
 
 
 @pytest.mark.parametrize("forces", [{}, {r: -sign(r.dot)}])

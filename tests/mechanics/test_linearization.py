@@ -299,3 +299,15 @@ def test_the_inverse_of_a_sparse_mass_matrix_is_short() -> None:
     rates = chain.linearize().A[n:, :n]
     assert all((rates[i, j] == 0) is (abs(i - j) > 1) for i in range(n) for j in range(n))
     assert sum(rate.count_ops() for rate in rates) < 40
+
+
+@pytest.mark.parametrize(("push", "balanced"), [(lambda side: 2 * side, False), (lambda side: 2 * side**2, True)])
+def test_a_pole_of_coordinates_is_an_equilibrium_only_if_forces_vanish_next_to_it(push: Any, balanced: bool) -> None:
+    """A sideways force on a spherical pendulum has no component along either angle at theta = 0, phi = pi/2."""
+    (m, g, l), (theta, phi) = lg.parameters("m g l"), lg.coordinates("theta phi")
+    side = l * sin(theta) * cos(phi)
+    kinetic = m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2
+    system = lg.System(kinetic, m * g * (push(side) - l * cos(theta)), coordinates=[theta, phi])
+    linear = system.linearize({phi: pi / 2})
+    assert linear.equilibrium is balanced
+    assert balanced or "next to this point the forces do not vanish" in linear.note
