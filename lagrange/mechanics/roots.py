@@ -107,7 +107,11 @@ def _follow(
 def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | None:
     """Return (unknown, value) for the roots of every factor of an equation, or None if a factor cannot be solved."""
     solutions: list[tuple[Any, Any]] = []
-    for factor, _ in sympy.factor_list(equation)[1]:
+    try:
+        factors = [factor for factor, _ in sympy.factor_list(equation)[1]]
+    except sympy.PolynomialError:  # SymPy takes no exponentials with opposite exponents, as in exp(x - y) - exp(y - x)
+        return None
+    for factor in factors:
         present = [x for x in unknowns if factor.has(x)]
         if not present or (factor.is_Pow and not factor.exp.is_positive):
             continue

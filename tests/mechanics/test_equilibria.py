@@ -489,6 +489,13 @@ def test_poles_of_coordinates_are_listed_if_they_are_in_balance(
     assert len([place for place in places if place in (0, pi)]) == poles
 
 
+def test_equations_that_have_no_factors_in_symbols_are_solved_by_number() -> None:
+    """Exponentials of differences, as of the Toda lattice, are no polynomial for SymPy."""
+    system = lg.System(m * (x.dot**2 + y.dot**2) / 2, exp(x - y) + exp(y - x) + y**2, parameters={m: 1})
+    (rest,) = system.equilibria()
+    assert np.allclose([float(place) for place in rest.coordinates.values()], 0, atol=1e-8)
+
+
 def test_a_search_by_number_lists_a_pole_once() -> None:
     potential = WEIGHT + k * SIDEWAYS**2 + exp(SIDEWAYS**2) * (sin(theta) * sin(phi)) ** 2
     system = lg.System(BOB, potential, parameters={"m": 1, "g": 9.81, "l": 1, "k": 3})
