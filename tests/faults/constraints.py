@@ -1,4 +1,4 @@
-"""Faults of constraints: empty, dependent, contradictory, violated at the start, not smooth, or singular later."""
+"""Faults of constraints: typed starts, extreme units, redundant ones, and ones that become singular on the way."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from sympy import Abs, cos, log, sin, sqrt
+from sympy import log, sin
 
 import lagrange as lg
 from lagrange.machine.model import Model
@@ -23,10 +23,6 @@ m, l = lg.parameters("m l")
 
 LOST = (*NO_NUMBER, Status.SINGULAR)
 """Allowed statuses of a run at a point where its constraints become singular or have no value."""
-
-
-NOT_MADE_FOR = "|leaves out the forces of constraints|moves coordinates and velocities in turn"
-"""Messages of methods without constraints, which refuse the system before the start is tested."""
 
 
 def held(constraints: Any, initial: Any = None, potential: Any = None, **more: Any) -> Callable[[], Model]:
@@ -106,114 +102,6 @@ def parallel(times: FloatArray) -> FloatArray:
 ROD = x**2 + y**2 - 1
 AT_ONE = {x: math.sin(1.0), y: -math.cos(1.0)}
 
-
-def refused(name: str, about: str, words: str, model: Callable[[], Model], **more: Any) -> Fault:
-    """Return the fault of a statement or a start that must be refused."""
-    return Fault(name, about, model, refusal=words, **more)
-
-
-STATED = (
-    refused(
-        "too many constraints",
-        "three constraints for two coordinates",
-        r"there are 3 constraints .* for 2 coordinates",
-        held([x - y, x + y, ROD]),
-    ),
-    refused("empty constraint", "0 = 0 as a constraint", "0 = 0, which always holds", held({"a": x - x})),
-    refused("false constraint", "1 = 0 as a constraint", "1 = 0, which never holds", held({"a": x - x + 1})),
-    refused(
-        "constraint without coordinates",
-        "a constraint on a parameter alone",
-        "'a' contains no coordinate and no velocity",
-        held({"a": m - 2}, parameters={m: 1.0}),
-    ),
-    refused("identity", "cos^2 + sin^2 = 1", "'a' is always true", held({"a": cos(x) ** 2 + sin(x) ** 2 - 1})),
-    refused("impossibility", "cos^2 + sin^2 = -1", "'a' is never true", held({"a": cos(x) ** 2 + sin(x) ** 2 + 1})),
-    refused("inequality", "x > 0 as a constraint", "an inequality", held({"a": x > 0})),
-    refused(
-        "constraint on accelerations",
-        "x'' = 1 as a constraint",
-        "the derivative of order 2 of x",
-        held({"a": x.dot.diff(lg.t) - 1}),
-    ),
-    refused(
-        "dependent constraints",
-        "the same line twice, in other words",
-        "'a' and 'c' are dependent here",
-        held({"a": x - y, "c": 2 * x - 2 * y}),
-    ),
-    refused(
-        "contradiction",
-        "two circles with one centre",
-        "contradict one another",
-        held({"a": ROD, "b": x**2 + y**2 - 4}, {x: 1.0}),
-    ),
-    refused(
-        "contradiction that is allowed to be redundant",
-        "two circles with one centre, with redundant='allow'",
-        "no state was found that satisfies the constraints 'a' and 'b'",
-        held({"a": ROD, "b": x**2 + y**2 - 4}, {x: 1.0}, redundant="allow"),
-    ),
-    refused(
-        "motion without inertia",
-        "a coordinate without kinetic energy, and a constraint on the others",
-        r"z.*no inertia",
-        held({"a": x - y}, kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y, z]),
-    ),
-    refused(
-        "velocity and place contradict",
-        "a constraint on the speed along a line that another holds in place",
-        "'a' and 'b' are dependent|contradict one another",
-        held({"a": x - 1, "b": x.dot - 1}, {x: 1.0, x.dot: 1.0}),
-    ),
-)
-
-BEGUN = (
-    refused("start off a constraint", "x^2 + y^2 = 1.21 on a rod of length 1", "rod", held({"rod": ROD}, {x: 1.1})),
-    refused(
-        "speed off a constraint",
-        "a bob that moves along its rod",
-        "initial velocities do not satisfy the constraint.*rod",
-        held({"rod": ROD}, {x: 1.0, x.dot: 0.5}),
-    ),
-    refused(
-        "start without a state",
-        "a rod of imaginary length, and a bob at 0.5",
-        "rod",
-        held({"rod": x**2 + y**2 + 1}, {x: 0.5}),
-    ),
-    refused(
-        "no derivative at the start",
-        "the length of a rod of no length",
-        "not differentiable at the initial state",
-        held({"rod": sqrt(x**2 + y**2)}),
-    ),
-    refused(
-        "kink at the start",
-        "a wire with a corner, from the corner",
-        "not differentiable at the initial state",
-        held({"wire": y - Abs(x)}, {x.dot: 1.0, y.dot: 1.0}),
-    ),
-    refused(
-        "squared constraint",
-        "(x - y)^2 = 0, whose derivative vanishes where it holds",
-        "'a' restricts no velocity, as all its velocity derivatives" + NOT_MADE_FOR,
-        held({"a": (x - y) ** 2}),
-    ),
-    refused(
-        "dependent where they hold",
-        "x = y and x^2 = y^2, from x = y = 1",
-        "'a' and 'c' are dependent" + NOT_MADE_FOR,
-        held({"a": x - y, "c": x**2 - y**2}, {x: 1.0, y: 1.0}),
-    ),
-    refused(
-        "nan on a constraint",
-        "x = nan on a rod",
-        "initial value of x is nan",
-        held({"rod": ROD}, AT_ONE),
-        options={"initial": {x: math.nan}},
-    ),
-)
 
 MOVED: tuple[Fault, ...] = (
     Fault(
@@ -295,6 +183,3 @@ MOVED: tuple[Fault, ...] = (
         window=(0.8, 1.1),
     ),
 )
-
-
-CONSTRAINTS: tuple[Fault, ...] = (*STATED, *BEGUN, *MOVED)

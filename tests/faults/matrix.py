@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from tests.faults.constraints import CONSTRAINTS
+from tests.faults.constraints import MOVED
 from tests.faults.contacts import CONTACTS
 from tests.faults.fault import Cell, Fault, take
 from tests.faults.motions import MOTIONS
 from tests.faults.occurrences import EVENTS
 from tests.faults.requests import REQUESTS
 
-FAULTS: tuple[Fault, ...] = (*MOTIONS, *EVENTS, *REQUESTS, *CONSTRAINTS, *CONTACTS)
+FAULTS: tuple[Fault, ...] = (*MOTIONS, *EVENTS, *REQUESTS, *MOVED, *CONTACTS)
 
 
 def cells(methods: Sequence[str], faults: Sequence[Fault] = FAULTS) -> Iterator[Cell]:

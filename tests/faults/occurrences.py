@@ -154,18 +154,4 @@ EVENTS = (
         window=(2.9, 3.1),
         words="infinitely many",
     ),
-    Fault(
-        "function for an event",
-        "the event is a Python function, which hides its formula",
-        free,
-        options={"events": [lambda t, y: y[0]]},
-        refusal="give a SymPy expression",
-    ),
-    Fault(
-        "constant event",
-        "the event does not change along a run",
-        free,
-        options={"events": [sp.Integer(0)]},
-        refusal="is constant along a run",
-    ),
 )

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import pytest
 
 from lagrange.trajectory.methods.registry import names
-from tests.faults.constraints import BEGUN, CONSTRAINTS, MOVED, STATED
+from tests.faults.constraints import MOVED
 from tests.faults.contacts import CONTACTS
 from tests.faults.fault import Fault
 from tests.faults.matrix import FAULTS, cells
@@ -49,16 +49,6 @@ def test_a_request_that_is_hard_to_meet(fault: Fault, everything: bool) -> None:
     every_method_gets_what_is_due(fault, everything)
 
 
-@each(STATED)
-def test_a_constraint_that_cannot_be_meant(fault: Fault, everything: bool) -> None:
-    every_method_gets_what_is_due(fault, everything)
-
-
-@each(BEGUN)
-def test_a_start_that_constraints_do_not_allow(fault: Fault, everything: bool) -> None:
-    every_method_gets_what_is_due(fault, everything)
-
-
 @each(MOVED)
 def test_a_motion_that_constraints_make_hard(fault: Fault, everything: bool) -> None:
     every_method_gets_what_is_due(fault, everything)
@@ -70,4 +60,4 @@ def test_a_contact_that_is_hard_to_meet(fault: Fault, everything: bool) -> None:
 
 
 def test_every_fault_is_of_one_of_these_kinds() -> None:
-    assert (*MOTIONS, *EVENTS, *REQUESTS, *CONSTRAINTS, *CONTACTS) == FAULTS
+    assert (*MOTIONS, *EVENTS, *REQUESTS, *MOVED, *CONTACTS) == FAULTS
