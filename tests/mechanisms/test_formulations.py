@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sympy import cos, sin
 
+import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.trajectory.run import flow
@@ -82,12 +84,14 @@ def test_other_methods_run_to_the_same_end(name: str, method: str) -> None:
     assert np.abs(result - right[:, -1]).max() <= 2e-5 * max(1.0, np.abs(right[:, -1]).max())
 
 
-def test_two_vortices_turn_evenly_about_their_centre() -> None:
-    """The rate is (Gamma1 + Gamma2)/(2 pi d^2), about the centre (Gamma1 r1 + Gamma2 r2)/(Gamma1 + Gamma2)."""
-    start = np.array(loaded("two-point-vortices").initial)
-    run: Any = flow(model("two-point-vortices"), rtol=1e-13, atol=1e-15)
-    for time in (3.0, 20.0):
-        angle = 4 / (2 * np.pi) * time
-        way = np.array([np.cos(angle), np.sin(angle)])
-        result = run(start, 0.0, time)
-        assert result[:4] == pytest.approx([*([0.25, 0.0] - way / 4), *([0.25, 0.0] + way * 3 / 4)], abs=1e-12)
+def test_a_velocity_constraint_put_into_the_lagrangian_of_the_rolling_disc_gives_another_motion() -> None:
+    """The table in docs/constraints.md. Kane's method gives the accelerations of the scene."""
+    q1, q2, q3 = lg.coordinates("q1 q2 q3")
+    along, across = q3.dot + q1.dot * sin(q2), q1.dot * cos(q2)
+    # The velocity of the centre is that of a rotation about the contact, which is taken to be at rest.
+    kinetic = (along**2 + q2.dot**2) / 2 + (q2.dot**2 + 2 * along**2 + across**2) / 8
+    wrong = lg.System(kinetic, cos(q2), coordinates=[q1, q2, q3]).compile(check=False)
+    y = formulation("rolling-disc").lift(np.array([0.4, -0.7, 1.3, 0.2, -0.5, 0.4, -2.0, 1.1]), 0.0)
+    right = model("rolling-disc").accelerations(y[:5], y[5:])[:3]
+    assert right == pytest.approx([1.12283, -2.95154, -0.00999], abs=1e-5)
+    assert wrong.accelerations(y[:3], y[5:8]) == pytest.approx([5.30670, -2.95154, 2.97867], abs=1e-5)
