@@ -11,7 +11,6 @@ import sympy
 from sympy import cos, diff, sin
 
 import lagrange as lg
-from lagrange.trajectory.contact.history import GAUSS_POINTS, ContactRun
 
 G = 9.81
 
@@ -64,23 +63,6 @@ def test_a_block_on_an_incline_stops_and_stays() -> None:
     assert run["x_dot"][-1] == 0.0 and len(set(run["x"][run.contacts["floor"].mode == "sticking"])) == 1
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-9])
-def test_the_work_of_friction_takes_few_points(noise: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It was integrated to round-off over all outputs at once: noise of a slip took all memory."""
-    run = block(0.3, 0.5, initial={"x_dot": 3.0}).run(0.4, t_eval=np.linspace(0.0, 0.4, 401)).require()
-    work, points, draw = ContactRun._work, [0], np.random.default_rng(1)
-
-    def noisy(self: ContactRun, begin: np.ndarray[Any, Any], end: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-        points[0] += GAUSS_POINTS * len(begin)
-        return np.asarray(work(self, begin, end) * (1 + noise * draw.normal(size=len(begin))))
-
-    monkeypatch.setattr(ContactRun, "_work", noisy)
-    along = run._contact_run
-    assert along is not None
-    assert along.lost_at(run.t) == pytest.approx(0.5 * G * np.cos(0.3) * run["x"], rel=1e-8, abs=1e-12 + 1e-8 * noise)
-    assert points[0] < 200 * len(run.t)
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("method", "rtol"), [("taylor", 1e-12), ("taylor", 1e-8), ("dop853", 1e-8)])
 def test_a_slip_in_a_plane_that_turns_straight_around_goes_on(method: str, rtol: float) -> None:
@@ -105,29 +87,6 @@ def test_a_coulomb_oscillator_loses_the_same_amplitude_in_each_half_period() -> 
     assert run.contacts["floor"].friction[-1] == pytest.approx(-0.05, abs=1e-9)
 
 
-def test_a_spinning_ball_slips_and_then_rolls() -> None:
-    (x, y, phi), (m, g, r, mu) = lg.coordinates("x y phi"), lg.parameters("m g r mu")
-    floor = lg.contact(y - r, slip=x.dot + r * phi.dot, friction=mu)
-    values = {m: 1, g: G, r: 0.1, mu: 0.2}
-    kinetic = m * (x.dot**2 + y.dot**2) / 2 + m * r**2 * phi.dot**2 / 5
-    system = lg.System(kinetic, m * g * y, contacts={"floor": floor}, parameters=values, initial={y: 0.1, phi.dot: -20})
-    run = system.run(1.0).require()
-    rolls = np.argmax(run.contacts["floor"].mode == "sticking")
-    assert run.t[rolls] == pytest.approx(2 * 2.0 / (7 * 0.2 * G), abs=1e-12)
-    assert run["x_dot"][-1] == pytest.approx(2 * 2.0 / 7, abs=1e-12)
-
-
-@pytest.mark.slow
-def test_masses_collide_as_often_as_pi_has_digits() -> None:
-    (a, b), big = lg.coordinates("a b"), lg.parameters("M")
-    contacts = {"wall": lg.contact(a, restitution=1), "pair": lg.contact(b - a, restitution=1)}
-    start = {a: 1, b: 2, b.dot: -1}
-    system = lg.System(a.dot**2 / 2 + big * b.dot**2 / 2, contacts=contacts, parameters={big: 1e4}, initial=start)
-    run = system.run(500.0).require()
-    assert sum(len(contact.impacts) for contact in run.contacts.values()) == 314
-    assert np.ptp(run.energy) < 1e-9 * run.energy[0]
-
-
 @pytest.mark.parametrize(("end", "least"), [(300.0, 150), pytest.param(172_000.0, 99_000, marks=pytest.mark.slow)])
 def test_an_elliptic_billiard_keeps_the_product_of_angular_momenta_about_its_foci(end: float, least: int) -> None:
     (x, y), start = lg.coordinates("x y"), {"x": 0.3, "y": 0.1, "x_dot": 1, "y_dot": 0.7}
@@ -143,17 +102,19 @@ def test_an_elliptic_billiard_keeps_the_product_of_angular_momenta_about_its_foc
 
 def test_a_rod_has_no_motion_in_the_interval_of_painleve() -> None:
     """With mu = 1.4 it lies between the roots of 1 + 3 cos^2 = 3 mu sin cos: 55.59 and 69.95 degrees."""
-    (x, y, theta), (m, g) = lg.coordinates("x y theta"), lg.parameters("m g")
+    (x, y, theta), (m, g, mu) = lg.coordinates("x y theta"), lg.parameters("m g mu")
     tip, across = y - sin(theta) / 2, sympy.diff(x + cos(theta) / 2, lg.t)
-    floor = lg.contact(tip, slip=across, friction=1.4)
+    floor = lg.contact(tip, slip=across, friction=mu)
     kinetic = m * (x.dot**2 + y.dot**2) / 2 + m * theta.dot**2 / 24
-    system = lg.System(kinetic, m * g * y, contacts={"floor": floor}, parameters={m: 1, g: G})
+    system = lg.System(kinetic, m * g * y, contacts={"floor": floor}, parameters={m: 1, g: G, mu: 1.4})
     for degrees, refused in ((55.5, False), (55.7, True), (69.9, True), (70.0, False)):
         angle = np.radians(degrees)
         start = {theta: angle, y: np.sin(angle) / 2, x.dot: 3.0}
         if refused:
-            with pytest.raises(lg.StatementError, match="Painleve's paradox"):
+            with pytest.raises(lg.StatementError, match="Painleve's paradox") as refusal:
                 system.run(0.01, start)
+            assert "where (-3*mu*sin(theta)*cos(theta) + 3*cos(theta)**2 + 1)/m <= 0" in str(refusal.value)
+            assert len(str(refusal.value)) < 400
         else:
             assert system.run(0.01, start).status.complete
 
@@ -186,34 +147,6 @@ def test_a_ball_on_a_table_doubles_its_period_with_multipliers_minus_one_and_the
     assert np.sort(np.linalg.eigvals(np.array(columns).T)) == pytest.approx([-1, -0.25], abs=1e-6)
 
 
-@pytest.mark.slow
-def test_a_run_through_many_transitions_has_the_order_of_its_method() -> None:
-    """A mass on a spring that hardens slides to and fro: equal steps of rk4 have the order 4 through 20 transitions."""
-    x, times = lg.coordinate("x"), np.linspace(40, 60, 41)
-    system = block(0.0, 0.005 / G, potential=x**2 / 2 + x**4 / 4, initial={"x": 1.0})
-    known = system.run(60.0, rtol=1e-13).require()
-    assert len(known.trajectory.contacts.begins) > 20
-    steps, errors = np.array([0.04, 0.02, 0.01, 0.005]), []
-    for step in steps:
-        run = system.run(60.0, method="rk4", step=float(step), t_eval=times).require()
-        errors.append(np.linalg.norm(run.y[0] - known.at(times)[0]))
-    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(4, abs=0.25)
-
-
-@pytest.mark.slow
-def test_a_block_slides_straight_on_a_plane_and_stops() -> None:
-    (x, y, z), (m, g, mu) = lg.coordinates("x y z"), lg.parameters("m g mu")
-    floor = lg.contact(z, slip=(x.dot, y.dot), friction=mu)
-    kinetic, values = m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, {m: 1, g: G, mu: 0.3}
-    start = {x.dot: 3, y.dot: 4}
-    system = lg.System(kinetic, m * g * z, contacts={"floor": floor}, parameters=values, initial=start)
-    run = system.run(5.0).require()
-    stops = np.argmax(run.contacts["floor"].mode == "sticking")
-    assert run.t[stops] == pytest.approx(5 / (0.3 * G), abs=1e-11)
-    assert run.y[:3, -1] == pytest.approx([0.6 * 25 / (0.6 * G), 0.8 * 25 / (0.6 * G), 0], abs=1e-10)
-    assert run.contacts["floor"].friction[:, 0] == pytest.approx([-0.6 * 0.3 * G, -0.8 * 0.3 * G])
-
-
 # --- undetermined motions and forces --------------------------------------------------------------------------
 # Contacts whose laws determine no motion, or not the forces: messages name contacts, rank and region.
 
@@ -235,11 +168,6 @@ def test_feet_without_friction_share_their_forces_and_the_message_says_so() -> N
     assert "The contacts 'a', 'b' and 'c' depend on each other (rank 2 of 3): their smallest forces" in run.message
 
 
-def test_feet_with_equal_friction_stop_where_one_block_stops() -> None:
-    run = three_feet(0.3, 0.3, 0.3).run(1.0).require()
-    assert run["x"][-1] == pytest.approx(1 / (2 * 0.3 * 9.81), abs=1e-12)
-
-
 def test_feet_that_slide_with_equal_friction_have_forces_of_which_the_message_says_which() -> None:
     run = three_feet(0.3, 0.3, 0.3).run(0.1).require()
     told = r"'a', 'b' and 'c' depend on each other \(rank 3 of 6\).* fewest sliding contacts are given"
@@ -249,15 +177,3 @@ def test_feet_that_slide_with_equal_friction_have_forces_of_which_the_message_sa
 def test_feet_with_different_friction_are_refused_with_names_and_rank() -> None:
     with pytest.raises(lg.StatementError, match=r"'a', 'b' and 'c' depend on each other \(rank 2 of 3\) and have fric"):
         three_feet(0.3, 0.1, 0.5).run(1.0)
-
-
-def test_the_region_of_painleve_is_told_in_symbols() -> None:
-    (x, y, theta), (m, g, mu) = lg.coordinates("x y theta"), lg.parameters("m g mu")
-    floor = lg.contact(y - sin(theta) / 2, slip=diff(x + cos(theta) / 2, lg.t), friction=mu)
-    kinetic, values = m * (x.dot**2 + y.dot**2) / 2 + m * theta.dot**2 / 24, {m: 1, g: 9.81, mu: 1.4}
-    start = {theta: np.pi / 3, y: np.sin(np.pi / 3) / 2, x.dot: 3.0}
-    system = lg.System(kinetic, m * g * y, contacts={"floor": floor}, parameters=values, initial=start)
-    with pytest.raises(lg.StatementError) as refusal:
-        system.run(0.01)
-    assert "where (-3*mu*sin(theta)*cos(theta) + 3*cos(theta)**2 + 1)/m <= 0" in str(refusal.value)
-    assert len(str(refusal.value)) < 400

@@ -107,16 +107,6 @@ def test_static_friction_holds_what_kinetic_friction_would_let_slide() -> None:
     assert result.states == (STICKING, OPEN)
 
 
-def test_kinetic_friction_acts_on_surfaces_that_slide_into_an_impact() -> None:
-    x, y = lg.coordinates("x y")
-    floor = lg.contact(y, slip=x.dot, friction=(0.6, 0.3))
-    system = lg.System((x.dot**2 + y.dot**2) / 2, contacts={"floor": floor}, initial={y: 1, y.dot: -1})
-    # An impulse of 0.5 would stop the slip: it is in the static cone, and outside the kinetic one.
-    run = system.run(1.5, {x.dot: 0.5}).require()
-    assert run["x_dot"][-1] == pytest.approx(0.2, abs=1e-12)
-    assert run.contacts["floor"].impacts[0].friction_impulse == pytest.approx((-0.3,), abs=1e-12)
-
-
 def test_a_problem_without_a_solution_has_none() -> None:
     """Sliding presses the bodies together more than its friction lets go: A is negative."""
     matrix, bias = np.array([[1.0, 2.0], [2.0, 5.0]]), np.array([-1.0, 0.0])

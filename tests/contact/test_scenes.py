@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,16 +18,6 @@ DRIVEN = ("ball-on-table", "belt")
 @cache
 def run_of(name: str) -> lg.Solution:
     return shared_scene(name).run(rtol=1e-12).require()
-
-
-def test_the_panel_of_the_energy_adds_what_contacts_took() -> None:
-    """A picture samples some times twice; there the energy that is lost belongs to the state that is given."""
-    run = run_of("bouncing-ball")
-    time = run.contacts["floor"].impacts[0].t
-    twice = run.sampled([0.1, time, time, time, 1.0])
-    assert np.ptp(twice.energy + twice.energy_lost) < 1e-12
-    titles = [axis.get_title(loc="left") for axis in run.plot().axes]
-    assert "energy drift: (E + energy lost − E₀) relative to the initial energy" in titles
 
 
 def changes(run: lg.Solution, contact: str) -> list[float]:
@@ -66,12 +55,6 @@ def test_a_tolerance_of_the_method_is_one_of_the_run() -> None:
     assert (lg.flow(model, method=method)(model.statement.initial, 0.0, 2.0) == expected.y[:, -1]).all()
 
 
-def test_a_tolerance_that_no_run_could_use_is_refused() -> None:
-    several: Any = np.array([1.0, 2.0])
-    with pytest.raises(lg.StatementError, match=r"rtol is .*: give a number"):
-        shared_scene("bouncing-ball").run(0.1, rtol=several)
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_no_body_enters_another_and_energy_is_booked(name: str) -> None:
     run = run_of(name)
@@ -86,20 +69,11 @@ def test_no_body_enters_another_and_energy_is_booked(name: str) -> None:
         assert np.ptp(run.energy + run.energy_lost) < 1e-11 * np.abs(run.energy).max()
 
 
-def test_the_ball_bounces_to_rest() -> None:
-    assert run_of("bouncing-ball").contacts["floor"].rests == pytest.approx([9 * np.sqrt(2 / 9.81)], abs=1e-12)
-
-
 def test_the_ball_meets_the_table_once_in_a_period() -> None:
     impacts = run_of("ball-on-table").contacts["table"].impacts
     assert [impact.t for impact in impacts] == pytest.approx([1, 2, 3, 4, 5], abs=1e-9)
     # It leaves with the speed g T/2 with which it came.
     assert [impact.impulse for impact in impacts] == pytest.approx([1] * 5, abs=1e-8)
-
-
-def test_the_block_stops_on_the_incline() -> None:
-    stop = 3 / (9.81 * (np.sin(0.3) + 0.5 * np.cos(0.3)))
-    assert changes(run_of("block-on-incline"), "incline") == pytest.approx([stop], abs=1e-12)
 
 
 def test_the_block_on_the_belt_sticks_and_slips_in_a_cycle() -> None:
@@ -127,12 +101,6 @@ def test_the_block_rocks_as_housner_found() -> None:
     assert len(hits) > 5 and ratios == pytest.approx(1 - 1.5 * 0.04 / 1.04, abs=1e-12)
 
 
-def test_the_billiard_keeps_its_integral() -> None:
-    px, py, vx, vy = run_of("elliptic-billiard").y
-    product = ((px - np.sqrt(3)) * vy - py * vx) * ((px + np.sqrt(3)) * vy - py * vx)
-    assert np.ptp(product) < 1e-12
-
-
 @pytest.mark.slow
 def test_the_woodpecker_falls_into_the_published_cycle() -> None:
     """Glocker and Studer start on the cycle, with phiM = -0.1036 where the sleeve touches: three digits compare."""
@@ -155,3 +123,13 @@ def test_the_tippe_top_turns_over_and_keeps_the_integral_of_jellett() -> None:
     jellett = 0.015 * vertical - 0.003 * spin
     assert np.ptp(jellett) < 1e-9 * abs(jellett[0])
     assert theta.max() > 2.5
+
+
+def test_the_panel_of_the_energy_adds_what_contacts_took() -> None:
+    """A picture samples some times twice; there the energy that is lost belongs to the state that is given."""
+    run = run_of("bouncing-ball")
+    time = run.contacts["floor"].impacts[0].t
+    twice = run.sampled([0.1, time, time, time, 1.0])
+    assert np.ptp(twice.energy + twice.energy_lost) < 1e-12
+    titles = [axis.get_title(loc="left") for axis in run.plot().axes]
+    assert "energy drift: (E + energy lost − E₀) relative to the initial energy" in titles

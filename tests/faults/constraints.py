@@ -19,7 +19,6 @@ from tests.faults.motions import NO_NUMBER, t
 from tests.mechanisms.ladder import parallelogram_acceleration
 
 x, y, z = lg.coordinates("x y z")
-m, l = lg.parameters("m l")
 
 LOST = (*NO_NUMBER, Status.SINGULAR)
 """Allowed statuses of a run at a point where its constraints become singular or have no value."""

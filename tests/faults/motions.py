@@ -19,7 +19,6 @@ from tests.faults.fault import GAVE_UP, Fault
 
 x, y, theta, phi = lg.coordinates("x y theta phi")
 t = lg.t
-k = lg.parameters("k", positive=False)
 
 NO_NUMBER = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.DIVERGED)
 """Allowed statuses of a run at the end of the motion, for example at a pole."""

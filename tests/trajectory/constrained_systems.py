@@ -22,8 +22,8 @@ from tests.trajectory.runs import CONSTRAINED, implicit, run
 x, y, z, a, b, x1, y1, x2, y2 = coordinates("x y z a b x1 y1 x2 y2")
 m, g, l, c = parameters("m g l c")
 VALUES = {m: 1.3, g: 9.81, l: 0.7, c: 0.15}
-HOLONOMIC = tuple(name for name in CONSTRAINED if implicit(name).holonomic)
 SYMPLECTIC = tuple(name for name in CONSTRAINED if find(name).claims.symplectic)
+HOLONOMIC = tuple(name for name in CONSTRAINED if implicit(name).holonomic)
 
 
 # --- systems --------------------------------------------------------------------------------------------------

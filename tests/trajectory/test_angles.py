@@ -13,7 +13,6 @@ from scipy.integrate import solve_ivp
 
 import lagrange as lg
 from lagrange.machine.model import Model
-from lagrange.statement.coordinate import parameters
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, x, y
 from tests.trajectory.watched import go
@@ -84,13 +83,6 @@ def test_a_force_jumps_where_the_angle_does(law: Any, start: list[float], end: f
         assert back.y[:, -1] == pytest.approx(start, abs=1e-8)
 
 
-@pytest.mark.parametrize("target", TARGETS)
-def test_the_cut_is_located_and_not_crept_up_to(target: str) -> None:
-    """Without a switching surface the run took 105 steps, because steps were halved at the jump; 15 suffice."""
-    result = go(particle(0, -ANGLE / 2, target), 4.0, initial=state(STARTS[1][0]))
-    assert result.status is Status.SUCCESS and result.steps < 30
-
-
 @pytest.mark.few(2)
 @pytest.mark.parametrize(("speed", "angle"), [(1.0, math.pi), (-1.0, -math.pi)])
 @pytest.mark.parametrize("height", [0.0, -0.0])
@@ -104,21 +96,6 @@ def test_a_motion_that_sticks_to_the_cut_says_so() -> None:
     result = go(particle(sp.atan2(-x.dot, -1)), 4.0, initial={x.dot: 1.0})
     assert result.status is Status.STEP_TOO_SMALL and result.y[2, -1] == pytest.approx(0, abs=1e-12)
     assert "The equations of motion jump where -x_dot is zero" in result.message and "sticks" in result.message
-
-
-@pytest.mark.parametrize("target", TARGETS)
-def test_an_angle_over_a_parameter(target: str) -> None:
-    """atan2(y, c) with a parameter c has a cut only for negative c."""
-    c = parameters("c", positive=False)
-    model = particle(sp.atan2(y, c), 0, target, parameters={c: -1.0})
-    result = go(model, 2.0, initial={y: 0.5, y.dot: -1.0}, rtol=1e-12)
-    # pi t - int atan to the crossing at 1/2, its negative behind it; both in closed form.
-    speed = -math.pi - (_integral_of_atan(0.5) - _integral_of_atan(1.5))
-    assert result.y[2, -1] == pytest.approx(speed, abs=1e-10)
-
-
-def _integral_of_atan(a: float) -> float:
-    return a * math.atan(a) - math.log1p(a * a) / 2
 
 
 @pytest.mark.few(1)

@@ -16,7 +16,7 @@ from sympy import Abs, cos, exp, sin
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
-from lagrange.trajectory.trajectory import Status, Trajectory
+from lagrange.trajectory.trajectory import Trajectory
 from tests.models import build, model, x, y
 from tests.trajectory.runs import FIXED, IMPLICIT, SPLITTINGS, STEPPED, run
 from tests.trajectory.watched import FALL, G, ball, floor
@@ -170,39 +170,6 @@ def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
                     other.t_events, other.y_events, result[0].t_events, result[0].y_events, strict=True
                 ):
                     assert times.tolist() == right.tolist() and states.tolist() == there.tolist()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["dop853", "rk4", "tsit5", "gauss2"])
-@pytest.mark.parametrize("direction", [0, 1, -1])
-@pytest.mark.parametrize("level", [0, 1, -1, 3])
-def test_a_reset_where_an_angle_jumps_happens_once(level: int, direction: int, name: str) -> None:
-    """On a circle the angle jumps by -2 pi at y = 0, x < 0. Rounding after the reset must not cause a second jump."""
-    begin = 0.1
-    start = {x: math.cos(begin), y: math.sin(begin), x.dot: -math.sin(begin), y.dot: math.cos(begin)}
-    circle = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=(x**2 + y**2) / 2, initial=start)
-    options: dict[str, Any] = {"step": 0.02} if name in FIXED else {"rtol": 1e-9, "atol": 1e-9}
-    angle = sp.atan2(y, x) - level
-
-    def go(**reset: Any) -> Trajectory:
-        result = run(circle, 40.0, name, events=[event(angle, direction=direction, **reset)], **options)
-        assert result.status is Status.SUCCESS, result.message
-        return result
-
-    # Turned back it comes to the level, or to the jump, on its way: as far again each time, or all around.
-    turned = go(reset={x.dot: -x.dot, y.dot: -y.dot}).t_events[0]
-    assert len(turned) > 2 and np.diff(turned).min() > 0.1
-    # Slowed down it goes on through both.
-    slowed = go(reset={x.dot: 0.9 * x.dot}).t_events[0]
-    expected = 6 * (1 if direction else 2) + (level == 1 and direction == 1)
-    assert len(slowed) in (expected - 1, expected, expected + 1) and np.diff(slowed).min() > 0.1
-    assert slowed[0] == pytest.approx(min(_turns(level, direction, begin)), abs=1e-6)
-
-
-def _turns(level: int, direction: int, begin: float) -> list[float]:
-    """Return the first times at which an angle that rises from `begin` reaches a level, and at which it jumps."""
-    rises, jumps = (level - begin) % (2 * math.pi), math.pi - begin
-    return [time for time, way in ((rises, 1), (jumps, -1)) if direction in (0, way)]
 
 
 def refuse(*arguments: Any, **named: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from functools import cache
 from typing import Any
 
@@ -25,7 +24,6 @@ from tests.trajectory.constrained_systems import (
     SYMPLECTIC,
     SYSTEMS,
     equal,
-    from_angles,
     held,
     system,
     truth,
@@ -73,77 +71,7 @@ def test_constraints_hold_to_round_off_at_every_step(method: str, name: str, tar
     assert phi.max() < 2 * 32 * 2.0**-52 and psi.max() < 10 * 32 * 2.0**-52
 
 
-@pytest.mark.few(2)
-@pytest.mark.parametrize("name", ["pendulum", "spherical", "double_pendulum", "guided"])
-@pytest.mark.parametrize("method", HOLONOMIC)
-def test_what_claims_to_be_symmetric_runs_back(method: str, name: str) -> None:
-    compiled = system(name)
-    there = run(compiled, 1.0, method, step=0.02)
-    names = (*compiled.statement.names, *(f"{item}_dot" for item in compiled.statement.names))
-    back = run(compiled, 0.0, method, start=1.0, step=0.02, initial=dict(zip(names, there.y[:, -1], strict=True)))
-    assert find(method).claims.symmetric and np.abs(back.y[:, -1] - there.y[:, 0]).max() < 1e-11
-
-
 # --- the symplectic form, in reduced coordinates ---------------------------------------------------------------
-
-
-def canonical(state: FloatArray) -> FloatArray:
-    """Return angles and momenta of a double pendulum from its Cartesian state."""
-    q, v = np.split(state, 2)
-    rods = [(q[:2], v[:2], v[:2] + v[2:]), (q[2:] - q[:2], v[2:] - v[:2], v[2:])]
-    turns = [np.arctan2(rod[0], -rod[1]) for rod, _, _ in rods]
-    momenta = [1.3 * (np.array([-rod[1], rod[0]]) @ total) for rod, _, total in rods]
-    return np.array([*turns, *momenta])
-
-
-def cartesian(canonical: FloatArray) -> FloatArray:
-    """Return the Cartesian state from angles and momenta."""
-    turns, momenta = np.split(canonical, 2)
-    c = np.cos(turns[0] - turns[1])
-    return from_angles(np.concatenate([turns, np.linalg.solve(1.3 * 0.49 * np.array([[2, c], [c, 1]]), momenta)]))
-
-
-def reduced_step(method: Any, h: float, point: FloatArray) -> FloatArray:
-    compiled = system("double_pendulum")
-    names = (*compiled.statement.names, *(f"{item}_dot" for item in compiled.statement.names))
-    start = dict(zip(names, cartesian(point), strict=True))
-    return canonical(run(compiled, h, method, step=h, initial=start).y[:, -1])
-
-
-def defect(method: Any, h: float) -> float:
-    """Return the largest entry of J^T W J - W for the Jacobian J of a step; its numerical error is about 1e-11."""
-    point, d, columns = canonical(from_angles(np.array([1.2, -0.5, 0.3, 0.8]))), 2e-2, []
-    for e in np.eye(4):
-        rows = [
-            (reduced_step(method, h, point + s * e) - reduced_step(method, h, point - s * e)) / (2 * s)
-            for s in (d, d / 2, d / 4, d / 8)
-        ]
-        for power in (4, 16, 64):
-            rows = [(power * near - far) / (power - 1) for far, near in itertools.pairwise(rows)]
-        columns.append(rows[0])
-    jacobian, w = np.array(columns).T, np.kron(np.array([[0, 1], [-1, 0]]), np.eye(2))
-    return float(np.abs(jacobian.T @ w @ jacobian - w).max())
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("method", CONSTRAINED)
-def test_what_claims_to_be_symplectic_keeps_the_form_of_the_reduced_system(method: str) -> None:
-    error = defect(equal(method), 0.1)
-    assert error < 1e-9 if find(method).claims.symplectic else error > 1e-6
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("method", SYMPLECTIC)
-def test_energy_stays_bounded_without_drift(method: str) -> None:
-    """The run has about 600 swings of 50 steps each."""
-    compiled = system("spherical")
-    result = run(compiled, 600.0, method, step=0.02)
-    energy = compiled.energy(result.y[:3], result.y[3:])
-    error = energy - energy[0]
-    halves = [np.abs(half).max() for half in np.array_split(error, 2)]
-    assert result.status is Status.SUCCESS and halves[1] < 1.1 * halves[0] < 0.1
-    means = [part.mean() for part in np.array_split(error, 10)]
-    assert np.ptp(means) < 0.1 * np.abs(error).max()
 
 
 # --- where they end, and their path ----------------------------------------------------------------------
@@ -239,18 +167,15 @@ def test_errors_follow_the_tolerance(method: str, name: str, target: str) -> Non
     assert np.polyfit([-4, -6, -8, -10], np.log10(errors), 1)[0] == pytest.approx(1, abs=0.15), errors
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
-def test_floors_follow_the_scale_where_none_are_given(name: str) -> None:
-    """Entries that are zero at first get sizes from the survey, so the number of steps does not depend on units."""
-    result = run(system(name), 1.0, "radau5-index2", rtol=1e-7)
-    assert result.status is Status.SUCCESS, result.message
-    assert result.steps < 400 and np.abs(result.y[:, -1] - truth(name)).max() < 1e-5
-
-
-@pytest.mark.parametrize("target", TARGETS)
-def test_errors_of_velocities_count_where_coordinates_are_large(target: str) -> None:
-    far = 1e6
-    compiled = build(target, kinetic=x.dot**2 / 2, potential=(x - far) ** 2 / 2, initial={x: far + 1.0})
-    result = run(compiled, 3.0, "radau5-index2", rtol=1e-6, atol=1e-9)
-    assert result.y[1, -1] == pytest.approx(-np.sin(3.0), abs=1e-5)
+@pytest.mark.few(1)
+@pytest.mark.parametrize("method", SYMPLECTIC)
+def test_energy_stays_bounded_without_drift(method: str) -> None:
+    """The run has about 600 swings of 50 steps each."""
+    compiled = system("spherical")
+    result = run(compiled, 600.0, method, step=0.02)
+    energy = compiled.energy(result.y[:3], result.y[3:])
+    error = energy - energy[0]
+    halves = [np.abs(half).max() for half in np.array_split(error, 2)]
+    assert result.status is Status.SUCCESS and halves[1] < 1.1 * halves[0] < 0.1
+    means = [part.mean() for part in np.array_split(error, 10)]
+    assert np.ptp(means) < 0.1 * np.abs(error).max()

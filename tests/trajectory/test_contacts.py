@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import erfinv
-from sympy import Rational, asin, atan2, cos, erf, exp, sin, tanh
+from sympy import Rational, cos, erf, exp, tanh
 
 import lagrange as lg
 from tests.covering import Share
@@ -96,20 +96,10 @@ def test_an_event_beside_a_reset_happens_once(method: str, share: Share) -> None
         assert ended.status is lg.Status.EVENT and ended.t_events[1][0] == pytest.approx(until, rel=1e-9)
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("factor", [2, 3])
-def test_bounces_that_grow_faster_end_where_they_accumulate(method: str, factor: int) -> None:
-    walls = [lg.event(item, direction=way, reset={x.dot: -factor * x.dot}) for item, way in ((x - 1, 1), (x, -1))]
-    result = run(PLANE, 10, method, walls, x=0.0, x_dot=1.0)
-    assert result.status is lg.Status.STEP_TOO_SMALL and "Events accumulate" in result.message
-    assert result.t[-1] == pytest.approx(factor / (factor - 1), rel=1e-9) and abs(result.final["x"] - 0.5) < 0.6
-
-
 # --- events that saturate -------------------------------------------------------------------------------------
 # Events that saturate: where they are flat, their series knows nothing of the zero that lies ahead.
 
 UPWARDS = lg.System(kinetic=x.dot**2 / 2, potential=x, initial={x.dot: 10})
-FREE = lg.System(kinetic=x.dot**2 / 2, potential=0, initial={x.dot: 1})
 OSCILLATOR = lg.System(kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1})
 
 SATURATING = [
@@ -128,23 +118,6 @@ def test_both_passages_are_found(method: str, event: Any, level: float) -> None:
     falling = lg.event(event, direction=-1, terminal=True)
     ended = UPWARDS.run(20, events=[falling], method=method, step=STEPS.get(method))
     assert ended.status is lg.Status.EVENT and ended.t[-1] == pytest.approx(10 + half, rel=1e-6)
-
-
-@pytest.mark.parametrize("end", [100.0, 1e6])
-def test_one_step_over_a_flat_event_is_cut(end: float) -> None:
-    result = FREE.run(end, events=[erf(8 * (x - 5)) - Rational(3, 10)]).require()
-    assert result.t_events[0] == pytest.approx([5 + erfinv(0.3) / 8], rel=1e-12)
-
-
-def test_what_jumps_is_not_what_saturates() -> None:
-    """A kink of arcsin also ends a step. Steps end at a cut of atan2 without rejected steps."""
-    arc = asin(sin(3 * x)) - Rational(1, 2)
-    times = [OSCILLATOR.run(20, events=[arc], method=method).require().t_events[0] for method in ("taylor", "dop853")]
-    assert len(times[0]) == 13 and times[0] == pytest.approx(times[1], abs=1e-5)
-    angle = OSCILLATOR.run(20, events=[atan2(x.dot, x) - 1]).require()
-    assert (
-        angle.t_events[0] == pytest.approx(2 * np.pi * np.arange(1, 4) - 1, rel=1e-9) and angle.trajectory.rejected < 5
-    )
 
 
 # --- balls that touch -----------------------------------------------------------------------------------------

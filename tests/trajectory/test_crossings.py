@@ -10,13 +10,11 @@ import pytest
 from sympy import Abs, Expr, Piecewise, atan2, cos, sin
 
 import lagrange as lg
-from lagrange.compiler import machine, model_of
 from lagrange.equations.singular import Singular
 from lagrange.errors import RunError
 from lagrange.trajectory import endings
 from lagrange.trajectory.constraints.dependence import dependent_passage
 from tests.models import shared_scene
-from tests.series_systems import ladder
 from tests.trajectory.runs import ADAPTIVE, FIXED, OUTSIDE
 
 a, b, s = lg.coordinates("a b s")
@@ -93,18 +91,6 @@ def test_every_method_with_error_control_follows_the_reduced_motion_or_ends_at_a
     assert np.abs(run.y[1]).max() < 100 * rtol + 2e-8
 
 
-def test_a_sharp_turn_that_is_no_crossing_is_followed() -> None:
-    """If the rods differ by a hundredth, the slider turns back before the centre, and the run continues."""
-    near = lg.System(
-        kinetic=(a.dot**2 + b.dot**2 + s.dot**2) / 2,
-        coordinates=[a, b, s],
-        constraints={"along": cos(a) + cos(b) - s, "across": sin(a) - 0.99 * sin(b)},
-    )
-    start = near.consistent({a: 0.3, b: 0.3, s: 1.9, a.dot: 3.0, b.dot: 3.0}).initial
-    solution = near.run(3.0, start, check=False)
-    assert solution.status is lg.Status.SUCCESS, solution.message
-
-
 def short_steps(towards: float) -> tuple[np.ndarray, np.ndarray]:
     """Return times and states of parallel rods, with one short step at a given angle."""
     times = np.concatenate([np.linspace(0.0, 1.0, 11), [1.0 + 1e-6], np.linspace(1.1, 2.0, 10)])
@@ -145,24 +131,6 @@ def test_a_run_that_rounding_would_decide_ends_before(monkeypatch: pytest.Monkey
     assert len(solution.t) == len(solution.y[0]) and solution.t[-1] > 0.0
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize(
-    ("loops", "rtol"),
-    [(1, 1e-12), (3, 1e-8), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((1, 1e-8), (3, 1e-12)))],
-)
-def test_taylor_follows_flat_ladders_as_the_parallelogram(loops: int, rtol: float) -> None:
-    """All bars are in one line once or twice in each run, at a step end or between two."""
-    model = model_of(ladder(loops), machine("llvm"))
-    for speed in np.linspace(0.7, 1.7, 6):
-        start = {f"x{i}": float(i) for i in range(loops + 1)} | {f"y{i}": 1.0 for i in range(loops + 1)}
-        start |= {f"x{i}_dot": float(speed) for i in range(loops + 1)}
-        start |= {f"y{i}_dot": 0.0 for i in range(loops + 1)}
-        run = lg.integrate(model, (0.0, 2.0), start, rtol=rtol)
-        assert run.status is lg.Status.SUCCESS or "if the motion is smooth there" in run.message, run.message
-        apart = [run[f"x{i}"] - run["x0"] - i for i in range(1, loops + 1)]
-        assert np.abs(apart).max() < 1e-5
-
-
 @pytest.mark.parametrize("method", ["gauss2", "gauss3", "rattle", "lobatto4"])
 def test_equal_steps_with_a_matrix_say_where_they_end(method: str) -> None:
     """The matrix of Newton's method is singular at such a configuration."""
@@ -171,72 +139,6 @@ def test_equal_steps_with_a_matrix_say_where_they_end(method: str) -> None:
     assert min(abs(run.t[-1] - 0.722), abs(run.t[-1] - 1.244)) < 0.011
     assert "'x'" in run.message and "pass it with equal steps, such as those of rk4" in run.message
     assert np.abs(run.y[0] - reduced().at(run.t)[0]).max() < 1e-3
-
-
-def test_an_arm_that_is_pulled_beyond_its_reach_is_not_led_on() -> None:
-    """Its end is moved outwards. At t = 1 the arm is straight, and no motion continues."""
-    arm = lg.System(
-        kinetic=(a.dot**2 + b.dot**2) / 2,
-        coordinates=[a, b],
-        constraints={"along": cos(a) + cos(b) - lg.t - 1, "level": sin(a) + sin(b)},
-        initial={a: np.pi / 3, b: -np.pi / 3},
-    )
-    start = arm.consistent().initial
-    for method in ("taylor", "dop853", "radau5"):
-        run = arm.run(2.0, start, method=method, check=False)
-        assert run.status is lg.Status.SINGULAR and run.t[-1] == pytest.approx(1.0, abs=1e-3)
-        assert "'along'" in run.message
-
-
-ANGLE_AND_RATE = [0, 3]
-
-
-def linkage_at(time: float) -> np.ndarray:
-    """Return the state of the linkage as a parallelogram at an angle."""
-    angle, rate = reduced().at(np.array([time]))[:, 0]
-    return np.array([angle, 0.0, angle, rate, 0.0, rate])
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("rtol", [1e-8, 1e-12])
-@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
-def test_flows_pass_crossings_as_runs_do_or_end_with_their_sentence(method: str, rtol: float) -> None:
-    model = shared_scene("four-bar-change-point").compile(check=False)
-    flow = lg.flow(model, method=method, rtol=rtol)
-    for begin, end in ((0.0, 1.0), (1.0, 0.0), (2.0, 0.0)):
-        start = flow(linkage_at(begin), begin, begin)
-        named = dict(zip(model.layout.names(), start, strict=True))
-        run = lg.integrate(model, (begin, end), named, method=method, rtol=rtol)
-        if run.status is not lg.Status.SUCCESS:
-            with pytest.raises(lg.RunError, match="an error as small as the tolerance decides"):
-                flow(start, begin, end)
-            continue
-        reached = flow(start, begin, end)
-        assert run.y[:, -1] == pytest.approx(reached, abs=1e4 * rtol + 1e-7)
-        # As for runs; a velocity behind two crossings has lost as much again.
-        expected = linkage_at(end)[ANGLE_AND_RATE]
-        assert reached[ANGLE_AND_RATE] == pytest.approx(expected, abs=1e5 * rtol + 1e-6)
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("rtol", [1e-6, 1e-9, 1e-12, 1e-13])
-@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
-def test_a_start_beside_a_crossing_hides_it_from_nobody(method: str, rtol: float) -> None:
-    """The constraints are nearly dependent at the start."""
-    model = shared_scene("four-bar-change-point").compile(check=False)
-    flow = lg.flow(model, method=method, rtol=rtol)
-    expected = linkage_at(0.9)
-    for before in (1e-2, 1e-3, 1e-4):
-        begin = 0.7220179 - before
-        ended, reached = "", expected
-        try:
-            reached = flow(linkage_at(begin), begin, 0.9)
-        except lg.RunError as error:
-            ended = str(error)
-        # Without a step that succeeds there is none that was short.
-        too_small = "the step that the tolerances ask for is below the spacing" in ended
-        assert not ended or too_small or ("'x'" in ended and "an error as small as the tolerance decides" in ended)
-        assert reached[ANGLE_AND_RATE] == pytest.approx(expected[ANGLE_AND_RATE], abs=1e-2)
 
 
 # --- jumps and corners ----------------------------------------------------------------------------------------

@@ -13,20 +13,12 @@ from sympy import Abs, Max, Piecewise, cos, exp, log, sqrt, tan
 
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
-from lagrange.trajectory.trajectory import FloatArray, Status
-from tests.models import TARGETS, build, x, y
+from lagrange.trajectory.trajectory import Status
+from tests.models import build, x, y
 from tests.trajectory.runs import run
-from tests.trajectory.watched import FALL, G, ball, bounces, floor, free, go, harmonic
+from tests.trajectory.watched import G, ball, floor, free, go, harmonic
 
 # Zeros
-
-
-def test_a_loose_run_grazes_where_its_own_path_does() -> None:
-    """At rtol = 1e-6 the amplitude drifts by 1e-8. The events must be the crossings of the returned path."""
-    graze = 1 - 1e-8
-    result = go(build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0}), 50.0, [x.dot, x - graze], rtol=1e-6)
-    peaks = result.y_events[0][:, 0] > graze
-    assert len(result.t_events[1]) == 1 + 2 * np.count_nonzero(peaks)
 
 
 ON_A_SINE: list[Any] = [
@@ -73,14 +65,6 @@ def test_the_size_of_an_event_is_no_matter(factor: float) -> None:
     assert result.t_events[0] == pytest.approx([1.0], rel=1e-15)
 
 
-@pytest.mark.parametrize("target", TARGETS)
-def test_many_events_keep_their_own_places(target: str) -> None:
-    """The events differ only in their constants."""
-    result = go(free(target), 3.0, [x - i / 20 for i in range(1, 51)])
-    assert [float(times[0]) for times in result.t_events] == pytest.approx([i / 20 for i in range(1, 51)], rel=1e-14)
-    assert {len(times) for times in result.t_events} == {1}
-
-
 def test_time_velocity_and_parameters() -> None:
     a = sp.Symbol("a", positive=True)
     model = build(kinetic=x.dot**2 / 2, potential=a * x, parameters={a: 2.0}, initial={x.dot: 3.0})
@@ -94,39 +78,8 @@ def test_time_velocity_and_parameters() -> None:
     ]
 
 
-def test_a_pole_on_the_way_of_a_step_without_length() -> None:
-    """The only zero of g is just before its pole, which the first terms of the series do not show."""
-    result = go(free(), 0.97, [1.04 - 0.04 / (1 - x)])
-    assert result.t_events[0] == pytest.approx([1 - 0.04 / 1.04], rel=1e-9)
-    for start in (0.0, 0.01):
-        high = go(free(x=start, x_dot=1.0), 2.0, [x**30 - 1])
-        assert high.t_events[0] == pytest.approx([1 - start], rel=1e-10)
-
-
-@pytest.mark.parametrize("end", [0.9, 9e3, 9e6])
-def test_the_length_of_the_run_does_not_blur_an_apex(end: float) -> None:
-    """A polynomial motion has no natural step length.
-
-    The ball passes the height 1 - 1e-9 twice within 29 microseconds.
-    """
-    result = go(ball(height=0.0, speed=math.sqrt(2 * G)), end, [y - (1 - 1e-9)])
-    assert result.t_events[0] - FALL == pytest.approx([-math.sqrt(1e-9) * FALL, math.sqrt(1e-9) * FALL], rel=1e-4)
-
-
 # --- resets ---------------------------------------------------------------------------------------------------
 # Resets at events: impacts by their laws, over thousands of them, and every end where no law says how to go on.
-
-
-@pytest.mark.parametrize(("direction", "level"), [(-1, 0.0), (0, 0.0), (0, 6.4e6)])
-def test_an_elastic_ball_bounces_on(direction: int, level: float) -> None:
-    impact = event(y - level, direction=direction, reset={y.dot: -y.dot})
-    result = go(ball(height=level + 1), 1000 * 2 * FALL, [impact])
-    count = len(result.t_events[0])
-    assert count == 1000 and result.status is Status.SUCCESS
-    assert result.t_events[0] == pytest.approx(bounces(1.0, count), rel=1e-12 + 1e-14 * level)
-    # Each impact rounds the velocity once: what is lost adds up like a random walk.
-    energy = result.y[1] ** 2 / 2 + G * (result.y[0] - level)
-    assert np.abs(energy / G - 1).max() < 1e-12 + 1e-8 * (level > 0)
 
 
 def test_what_begins_in_the_other_direction_is_not_thrown_back() -> None:
@@ -135,26 +88,6 @@ def test_what_begins_in_the_other_direction_is_not_thrown_back() -> None:
     assert len(below.t_events[0]) == 0 and below.y[0, -1] == pytest.approx(9 - G / 2)
     passing = go(free(x=1.0, x_dot=1.0), 1.0, [event(x - 1, direction=1, reset={x.dot: x.dot / 2})])
     assert len(passing.t_events[0]) == 0 and passing.y[0, -1] == 2.0
-
-
-def folded(u: Any) -> FloatArray:
-    return np.asarray(1 - np.abs(1 - np.mod(u, 2)))
-
-
-WALLS = [
-    event(x * (1 - x), direction=-1, reset={x.dot: -x.dot}),
-    event(y * (1 - y), direction=-1, reset={y.dot: -y.dot}),
-]
-
-
-def test_a_square_billiard() -> None:
-    """The reflected copies of the square turn the path into a straight line."""
-    start = {x: 0.3, y: 0.1, x.dot: 0.7, y.dot: math.sqrt(0.5)}
-    model = build(kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial=start)
-    result = go(model, 1400.0, WALLS)
-    assert [len(times) for times in result.t_events] == [980, 990]
-    assert result.y[0] == pytest.approx(folded(0.3 + 0.7 * result.t), abs=1e-11)
-    assert result.y[1] == pytest.approx(folded(0.1 + math.sqrt(0.5) * result.t), abs=1e-11)
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import Abs, Max, Piecewise, Rational, atan2, cos, exp, lambdify, sign, sin, sqrt, tanh
+from sympy import Abs, Max, Piecewise, Rational, atan2, cos, lambdify, sign, sin, sqrt
 
 from lagrange.machine.drivers import EventMemory
 from lagrange.machine.model import Model
@@ -153,24 +153,6 @@ def test_powers_above_the_order(events: list[Any], target: str, end: float, monk
     assert_same(ours, run(compiled, end, "taylor", events=events))
 
 
-@pytest.mark.few(2)
-@pytest.mark.parametrize("seed", range(40))
-def test_functions_that_hide_what_they_grow_to(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every step is inspected, and no step is longer than the radius of convergence."""
-    chance = np.random.default_rng(200 + seed)
-    a, b = (Rational(int(k), 10) for k in chance.integers(1, 9, 2))
-    well = build(
-        kinetic=(x.dot**2 + y.dot**2) / 2,
-        potential=exp(a * x - y) + exp(y + b * x) + exp(-2 * x) + tanh(b * x * y),
-        initial=dict(zip((x, y, x.dot, y.dot), chance.uniform(-0.9, 0.9, 4).tolist(), strict=True)),
-    )
-    events = [*random_events(chance), event(exp(y) - exp(x) / 2)]
-    ours = run(well, 8.0, "taylor", events=events)
-    assert_zeros(ours, events)
-    changed_in_python(monkeypatch)
-    assert_same(ours, run(well, 8.0, "taylor", events=events))
-
-
 def random_switches(chance: np.random.Generator, target: str) -> Model:
     """Return two masses with one-sided springs, contacts, and dry friction."""
     level, stiff = Rational(int(chance.integers(-3, 4)), 10), Rational(int(chance.integers(1, 9)), 2)
@@ -214,17 +196,6 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return calls
 
 
-def test_the_loop_crosses_surfaces_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = counted(monkeypatch)
-    spring = Piecewise((x**2 / 2, x > 0), (2 * x**2, True))
-    bilinear = build(kinetic=x.dot**2 / 2, potential=spring, initial={x: 1.0})
-    # Half a period at each frequency, 1 and 2.
-    result = run(bilinear, 300 * math.pi, "taylor", rtol=1e-12)
-    assert result.status is Status.SUCCESS and len(calls) < 40
-    # Each crossing rounds its time: 400 of them, as a random walk.
-    assert result.y[:, -1] == pytest.approx([1.0, 0.0], abs=1e-11)
-
-
 def test_the_loop_comes_back_for_nothing_that_is_regular(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a section and a reflecting wall, Python is called only at the start and the end."""
     calls = counted(monkeypatch)
@@ -247,24 +218,6 @@ def test_an_event_on_a_surface_counts_in_its_direction() -> None:
         there = run(kepler, 20.0, "taylor", initial=start, events=[rises, falls, kinked], rtol=1e-9)
         expected = list(map(len, alone.t_events))
         assert min(expected) >= 3 and list(map(len, there.t_events))[:2] == expected
-
-
-def test_an_interruption_keeps_the_events_of_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A signal during the loop is raised when the loop returns, before the events are read."""
-    oscillator = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0})
-    is_due, calls = SeriesWatch.is_due, []
-
-    def interrupted(self: SeriesWatch, state: DriverState) -> bool:
-        calls.append(state.t)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return is_due(self, state)
-
-    monkeypatch.setattr(SeriesWatch, "is_due", interrupted)
-    result = run(oscillator, 1e6, "taylor", events=[x, event(x - 2, reset={x.dot: -x.dot})])
-    end = float(result.t[-1])
-    assert result.status is Status.INTERRUPTED and end == calls[2] > calls[1] + 2 * math.pi
-    assert len(result.t_events[0]) == math.floor(end / math.pi + 0.5)
 
 
 @pytest.mark.few(2)

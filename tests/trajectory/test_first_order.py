@@ -7,16 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from sympy import cos, exp, log, sin
+from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from tests.models import LLVM_FIRST, TARGETS, B, k, m, phi, r, theta, x, y, z
+from tests.models import LLVM_FIRST, TARGETS, B, k, m, r, x, y, z
 from tests.refusals import refusal
 
 METHODS = ("taylor", "dop853", "radau5")
-a, b = lg.parameters("a b")
-g1, g2 = lg.parameters("g1 g2", positive=False)
 
 
 def charge(**options: Any) -> lg.System:
@@ -54,54 +52,6 @@ def test_a_jacobian_knows_that_a_velocity_of_first_order_follows_from_the_state(
     expected = np.transpose([(model.rhs(0, state + h * e) - model.rhs(0, state - h * e)) / (2 * h) for e in np.eye(4)])
     # Central differences have an error of h**2 and of the rounding 1e-16/h.
     assert model.jacobian(0, state) == pytest.approx(expected, abs=1e-9)
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("method", METHODS)
-def test_two_vortices_go_round_their_centre(method: str) -> None:
-    lagrangian = g1 * x * y.dot + g2 * theta * phi.dot + g1 * g2 * log((x - theta) ** 2 + (y - phi) ** 2) / 2
-    pair = lg.System(
-        lagrangian=lagrangian,
-        coordinates=[x, y, theta, phi],
-        parameters={g1: 1.0, g2: 2.0},
-        initial={x: 1.0, theta: -0.5},
-    )
-    solution = pair.run(10.0, method=method, rtol=1e-10)
-    # They turn at (g1 + g2) / d**2 about (g1 r1 + g2 r2) / (g1 + g2), which is the origin.
-    turned = np.exp(-1j * 3.0 / 1.5**2 * solution.t)
-    assert solution[x] + 1j * solution[y] == pytest.approx(turned, abs=1e-7)
-    assert solution[theta] + 1j * solution[phi] == pytest.approx(-0.5 * turned, abs=1e-7)
-
-
-def test_lotka_and_volterra() -> None:
-    """x' = exp(y) - b and y' = a - exp(x) are the equations of predators exp(x) and prey exp(y)."""
-    hamiltonian = exp(x) - a * x + exp(y) - b * y
-    ponds = lg.System(lagrangian=y * x.dot - hamiltonian, coordinates=[x, y], parameters={a: 1.1, b: 0.7})
-    solution = ponds.run(12.0, {x: np.log(0.5), y: np.log(2.0)})
-    reference = solve_ivp(
-        lambda _, n: [n[0] * (n[1] - 0.7), n[1] * (1.1 - n[0])],
-        (0, 12),
-        [0.5, 2.0],
-        method="DOP853",
-        rtol=1e-12,
-        atol=1e-13,
-    )
-    assert np.exp(solution.y[:2, -1]) == pytest.approx(reference.y[:, -1], abs=1e-8)
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("method", METHODS)
-def test_a_mass_and_coordinates_of_first_order_that_its_velocity_moves(method: str) -> None:
-    lagrangian = m * z.dot**2 / 2 - k * z**2 / 2 + B * x * y.dot - y**2 / 2 - x**2 + 3 * z.dot * x / 10
-    both = lg.System(lagrangian=lagrangian, coordinates=[x, z, y], parameters={m: 1.0, k: 2.0, B: 1.5})
-    solution = both.run(10.0, {z: 1.0, x: 0.2, y: 0.3, z.dot: 0.4}, method=method, rtol=1e-10)
-
-    def by_hand(_: float, s: Any) -> list[float]:
-        x, y, z, rate = s
-        return [-y / 1.5, (2 * x - 0.3 * rate) / 1.5, rate, 0.3 * y / 1.5 - 2 * z]
-
-    reference = solve_ivp(by_hand, (0, 10), [0.2, 0.3, 1.0, 0.4], method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-    assert solution.y[[0, 2, 1, 4], -1] == pytest.approx(reference, abs=1e-7)
 
 
 def test_beside_a_constraint() -> None:

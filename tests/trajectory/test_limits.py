@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import gc
-import os
-import signal
 import sys
-import threading
 import time
 import tracemalloc
 from collections.abc import Callable
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from sympy import Abs, sign, sin
+from sympy import Abs, sign
 
 import lagrange as lg
-from lagrange.compiler import model_of
 from lagrange.machine.model import Model
 from lagrange.statement import display
 from lagrange.trajectory import slow_runs
@@ -94,43 +89,6 @@ def test_a_short_limit_leaves_time_to_compile() -> None:
     assert "used up max_wall = 0.5 s at t = " in result.message
 
 
-def compile_again_and_again(model: Model) -> None:
-    """Compile new models repeatedly, for some minutes at most."""
-    enough = time.process_time() + 300.0
-    while time.process_time() < enough:
-        fresh = model_of(model.statement, model.machine, model.equations)
-        fresh.kernel("rhs")
-        fresh.series()[0].rows(8, 0.0, np.array(model.statement.initial), 0.1, np.empty(0))
-
-
-def press_until(heard: threading.Event) -> None:
-    """Send SIGINT every second, because Python loses a signal that arrives while it frees an object."""
-    while not heard.wait(1.0):
-        os.kill(os.getpid(), signal.SIGINT)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # a signal that Python lost
-def test_ctrl_c_while_compiling() -> None:
-    """The signal takes effect between two parts of a compilation, here within a second."""
-    q = [lg.coordinate(f"x{i}") for i in range(150)]
-    stretch = [b - a for a, b in pairwise(q)]
-    large = lg.System(sum(x.dot**2 for x in q) / 2, sum(d**2 / 2 + d**4 / 4 for d in stretch), initial={q[0]: 0.3})
-    model = large.compile(check=False)
-    heard = threading.Event()
-    thread = threading.Thread(target=press_until, args=(heard,))
-    began = time.process_time()
-    thread.start()
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            compile_again_and_again(model)
-    finally:
-        heard.set()
-        thread.join()
-    assert time.process_time() - began < 60.0
-
-
 class Terminal:
     """A text stream that claims to be a terminal."""
 
@@ -181,45 +139,10 @@ def test_a_terminal_is_told_what_takes_so_long(what: str, monkeypatch: pytest.Mo
     assert terminal.text.endswith(" \r"), "the line is taken away"
 
 
-@pytest.mark.parametrize(("expected", "patience"), [(False, 0.01), (True, 600.0)])
-def test_a_terminal_is_not_told_what_takes_no_time(
-    expected: bool, patience: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setattr(display, "SILENT_SECONDS", patience)
-    with display.announced("compiling", "pendulum", enabled=expected):
-        time.sleep(0.1)
-    assert not terminal.text
-
-
 def test_a_pipe_is_told_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(display, "SILENT_SECONDS", 0.0)
     unit_pendulum().run(0.1, progress=True)
     assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "scipy-dop853"])
-def test_time_is_kept_while_events_are_located(method: str) -> None:
-    """A step with hundreds of zeros takes long. The time limit is tested after each step, not after a block."""
-    x = lg.coordinate("x")
-    free = lg.System(kinetic=x.dot**2 / 2, potential=0, initial={x.dot: 1})
-    given: dict[str, Any] = {
-        "method": method,
-        "events": [sin(1e5 * x)],
-        "step": 1e-2 if method in ("rk4", "verlet") else None,
-    }
-    free.run(1e-3, **given)
-    began = time.process_time()
-    # A busy machine has not come far in the time that a quiet one needs.
-    for max_wall in (0.1, 1.0, 10.0, 30.0):
-        result = free.run(1000.0, max_wall=max_wall, **given)
-        times = result.t_events[0]
-        if len(times) > 50:
-            break
-    assert result.status is lg.Status.MAX_WALL and time.process_time() - began < 60.0
-    assert len(times) > 50 and (np.diff(times) > 3e-5).all() and times[-1] <= result.t[-1]
 
 
 # --- behind the end -------------------------------------------------------------------------------------------

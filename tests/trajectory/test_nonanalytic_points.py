@@ -82,18 +82,6 @@ def test_straight_up_and_down_again(events: Any) -> None:
         assert result.t_events[0] == pytest.approx([turn], rel=1e-11)
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("power", [Rational(1, 2), Rational(1, 3), Rational(3, 4)])
-def test_an_oscillation_with_drag_of_a_fractional_power(power: Rational) -> None:
-    """The drag is a fractional power of the speed squared, which is zero at each turning point."""
-    system = lg.System(kinetic=x.dot**2 / 2, potential=2 * x**2, forces={x: -((x.dot**2) ** power) * x.dot / 3})
-    result = system.run(20.0, {x: 1.0})
-    truth = system.run(20.0, {x: 1.0}, method="dop853", rtol=1e-13, atol=1e-14)
-    assert result.status is lg.Status.SUCCESS
-    # The default tolerance is 1e-9; behind each turn some steps more end at the new branch.
-    assert result.y[:, -1] == pytest.approx(truth.y[:, -1], abs=2e-9)
-
-
 SQUARE = x**2 - 2 * x * y + y**2
 """The square of x - y, which is not a square to see."""
 

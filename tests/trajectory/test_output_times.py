@@ -115,8 +115,6 @@ def test_output_times_that_do_not_fit_are_refused() -> None:
 # --- outputs --------------------------------------------------------------------------------------------------
 # States at output times of a Taylor run, which its steps write, are those of its path.
 
-GENERATOR = np.random.default_rng(11)
-
 
 def assert_on_the_path(result: Trajectory, plain: Trajectory, times: FloatArray) -> None:
     """Assert that outputs equal the dense output of the same run without output times, up to rounding of its states."""
@@ -128,18 +126,6 @@ def assert_on_the_path(result: Trajectory, plain: Trajectory, times: FloatArray)
     # The path begins each step from the rounded state and time, half a unit away, and rounds its own sums.
     allowed = 2.0**-52 * (8 * size + 4 * rate * np.abs(times))
     assert (np.abs(result.y - plain.dense(times)) <= allowed).all()
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("count", [1, 3, 2000])
-@pytest.mark.parametrize("end", [20.0, -20.0])
-@pytest.mark.parametrize("name", ["Henon-Heiles", "double pendulum", "charge"])
-def test_many_and_few_times(name: str, end: float, count: int, target: str) -> None:
-    compiled = model(name, target)
-    times = np.sort(GENERATOR.uniform(min(0, end), max(0, end), count))[:: 1 if end > 0 else -1]
-    result = run(compiled, end, "taylor", t_eval=times)
-    assert_on_the_path(result, run(compiled, end, "taylor"), times)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -214,22 +200,6 @@ def interpolant(first: float, last: float, degree: int = 5, off: float = 0.0) ->
     return StepInterpolant.read(
         (first, last), (ends[0], ends[1]), (first - off, last - off), lambda s: curve(s + off), degree
     )
-
-
-@pytest.mark.parametrize("degree", [4, 5, 12])
-@pytest.mark.parametrize("off", [0.0, 0.25])
-def test_a_polynomial_is_read_whole(degree: int, off: float) -> None:
-    for first, last in ((0.5, 1.25), (1.25, 0.5)):
-        times = np.linspace(first, last, 41)
-        np.testing.assert_allclose(interpolant(first, last, degree, off)(times), curve(times), rtol=0, atol=2e-15)
-
-
-def rounded(spacings: int) -> StepInterpolant:
-    """Return the dense output of one step that rises from 0 to 1 within some spacings of doubles at a time."""
-    first = 1000.0
-    last = first + spacings * np.spacing(first)
-    ends = np.array([0.0]), np.array([1.0])
-    return StepInterpolant.read((0.0, 1.0), ends, (first, last), lambda s: ((s - first) / (last - first))[None], 12)
 
 
 def test_paths_are_read_when_they_are_asked_for_and_once() -> None:
@@ -368,15 +338,3 @@ def test_nothing_is_put_out_beyond_the_last_accepted_step(name: str, target: str
     assert np.isfinite(result.y).all() and result.y.shape == (2, len(result.t))
     nowhere = run(compiled, 5.0, name, t_eval=[4.0, 5.0], **options)
     assert nowhere.t.shape == (0,) and nowhere.y.shape == (2, 0)
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("name", ADAPTIVE)
-def test_the_path_of_an_adaptive_run_keeps_the_tolerance(name: str) -> None:
-    compiled = model("elastic pendulum")
-    times = np.linspace(0, 5, 301)
-    truth = exact(compiled, 5.0, t_eval=times).y
-    for rtol in (1e-6, 1e-9):
-        result = run(compiled, 5.0, name, rtol=rtol, atol=rtol)
-        ends = np.abs(result.y[:, -1] - truth[:, -1]).max()
-        assert np.abs(result.dense(times) - truth).max() < 300 * max(ends, rtol)

@@ -17,13 +17,9 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.machine.drivers import WATCHED as WATCHED_ARRAYS
-from lagrange.machine.drivers import EventMemory
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
-from lagrange.machine.llvm_machine import EVENT_ARRAYS
 from lagrange.machine.model import Model
-from lagrange.machine.state import Outcome, StepEventMemory
 from lagrange.statement import run_settings as preparation
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
@@ -31,7 +27,7 @@ from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.plan import DRIVERS_KEPT, PLANS_KEPT, PreparedPlan
 from lagrange.trajectory.trajectory import Trajectory
 from tests.models import TARGETS, build, k, m, model, shared_scene, x
-from tests.trajectory.runs import FIXED, NAMES, planned, run, same
+from tests.trajectory.runs import FIXED, NAMES, run, same
 
 STARTS = ({"x": 0.1, "y_dot": 0.2}, {"x": -0.2, "y": 0.1, "x_dot": 0.3})
 
@@ -62,25 +58,6 @@ def test_a_second_run_prepares_nothing(name: str, target: str, monkeypatch: pyte
     monkeypatch.setattr(type(list(compiled.prepared.values())[-1].plan), "driver", None)
     monkeypatch.setattr(type(find(name)), "plan", None)
     assert same(run(compiled, 0.3, name, initial=STARTS[0], **options), first)
-
-
-def test_one_call_of_the_driver_for_a_run_as_long_as_the_last(monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled = oscillator()
-    unit = lg.Problem(compiled, compiled.parameter_values(), 0.0, 1.0, np.array([1.0, 0.0]))
-    driver = type(planned("rk4", unit).driver(compiled, unit.parameter_array))
-    advance, asked = driver.advance, []
-
-    def counted(self: Any, state: Any, budget: int, *rest: Any) -> Outcome:
-        asked.append(budget)
-        outcome: Outcome = advance(self, state, budget, *rest)
-        return outcome
-
-    monkeypatch.setattr(driver, "advance", counted)
-    for seconds, calls in ((1e9, 2), (1e9, 1), (0.0, 1), (0.0, 8)):
-        monkeypatch.setattr("lagrange.trajectory.run_loop.SECONDS_PER_CALL", seconds)
-        asked.clear()
-        assert run(compiled, 5.0, "rk4", initial={x: 1.0}, step=0.01).steps == 500
-        assert len(asked) == calls
 
 
 def oscillator() -> Model:
@@ -316,35 +293,6 @@ def same_events(a: Trajectory, b: Trajectory) -> bool:
     return same(a, b) and len(a.t_events) == len(b.t_events) and times and states
 
 
-def poison(compiled: Model) -> None:
-    """Overwrite the memory that idle drivers share with event searches, except for data that is only read."""
-    idle = [item for kept in compiled.prepared.values() for item in kept.idle.values()]
-    assert idle
-    for item in idle:
-        taylor, memory = item.state.taylor, getattr(item.memory, "memory", item.memory)
-        for name in ("low", "scale", "next_limit", "limit"):
-            setattr(taylor, name, 2.0**-600)
-        taylor.inspect = taylor.rescalings = taylor.failures = 1
-        if isinstance(memory, EventMemory):
-            _fill(memory, (*(name for _, name in WATCHED_ARRAYS), "combinations"), memory.record)
-        elif isinstance(memory, StepEventMemory):
-            _fill(memory, (*EVENT_ARRAYS, "until_end"), memory.run)
-            _fill(memory, (), memory.review)
-
-
-READ_ALONE = ("settings", "direction", "tilts")
-"""What no run writes to, but for the last settings of a run by a step program."""
-
-
-def _fill(memory: Any, arrays: tuple[str, ...], record: Any) -> None:
-    """Fill arrays and the fields of a record with a number."""
-    for name in arrays:
-        if name not in READ_ALONE:
-            getattr(memory, name).fill(3)
-    for name, _ in record._fields_:
-        setattr(record, name, 2)
-
-
 SPANS = (0.0, 9.0), (0.0, 4.0), (3.0, 0.0), (0.0, 9.0), (0.0, 260.0), (0.0, 9.0)
 
 
@@ -356,15 +304,13 @@ SPANS = (0.0, 9.0), (0.0, 4.0), (3.0, 0.0), (0.0, 9.0), (0.0, 260.0), (0.0, 9.0)
 def test_a_watched_run_is_that_of_a_model_that_has_kept_nothing(
     name: str, events: str, force: str, *, outputs: bool
 ) -> None:
-    """Runs with events equal those of a new model, whatever the memory of the driver contains."""
+    """Runs with events equal those of a new model, whatever earlier runs left in the memory of the driver."""
     compiled, alone = watched(force), watched(force)
     for i, (begin, end) in enumerate(SPANS):
         options: dict[str, Any] = {"events": WATCHED[events], "parameters": {k: 1.0 + i // 3}}
         options |= {"step": 0.05} if name in FIXED else {"rtol": 1e-7}
         options |= {"t_eval": np.linspace(begin, end, 17)} if outputs else {}
         start = {x: 0.7 - 0.2 * i, x.dot: 0.3}
-        if i and any(item.idle for item in compiled.prepared.values()):
-            poison(compiled)
         alone.prepared.clear()
         assert same_events(
             run(compiled, end, name, begin, start, **options), run(alone, end, name, begin, start, **options)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from fractions import Fraction
-from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -80,10 +78,6 @@ def random_case(rng: np.random.Generator) -> Case:
     return rounded(inside, outside, int(rng.choice((-1, 1)))), inside, outside
 
 
-def exact_value(c: FloatArray, s: float) -> Fraction:
-    return reduce(lambda value, k: value * Fraction(s) + Fraction(k), c.tolist()[::-1], Fraction(0))
-
-
 def size_of_product(s: float, inside: Sequence[float], outside: Sequence[complex]) -> float:
     return math.prod([abs(s - z) ** (2 if z.imag else 1) for z in (*inside, *outside)])
 
@@ -130,28 +124,6 @@ def test_every_root_of_a_random_polynomial_is_found_once(seed: int, share: Share
             assert abs(root.time / h - s) <= 2 * 4 * EPSILON * size / slope + 2 * EPSILON
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
-def test_any_coefficients_keep_the_order_and_the_signs(seed: int, share: Share) -> None:
-    """For any coefficients the times are in order, directions alternate, and the final sign is that of g."""
-    rng = np.random.default_rng(200 + seed)
-    for _ in range(share(500)):
-        m = int(rng.integers(1, 42))
-        c = rng.standard_normal(m) * rng.choice((0.1, 0.6, 1.0, 1.5)) ** np.arange(m)
-        if rng.random() < 0.3:
-            c = rounded(rng.uniform(0, 1, int(rng.integers(1, 25))).tolist())
-        h = float(rng.choice((-1.0, 1.0)))
-        result, after = roots(stepped(c, h), h)
-        places = [root.time / h for root in result]
-        assert places == sorted(places) and all(0 <= s <= 1 for s in places)
-        crossings = [rising for rising in directions(result) if rising]
-        assert crossings == alternating(len(crossings), crossings[0] if crossings else 1)
-        end, limit = exact_value(c, 1.0), UNRESOLVED * float(np.abs(c).sum())
-        assert abs(end) <= limit or after == Side(1 if end > 0 else -1)
-        for root in result:
-            assert abs(exact_value(c, root.time / h)) <= limit
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_roots_of_higher_order(sign: int, share: Share) -> None:
     """A double root is a touch. A triple root is a crossing, located up to the cube root of round-off."""
@@ -169,47 +141,10 @@ def test_roots_of_higher_order(sign: int, share: Share) -> None:
             assert abs(result[0].time - s) < (spread if order > 2 else 0.01 * spread)
 
 
-@pytest.mark.few(2)
-@pytest.mark.parametrize("count", [2, 3])
-@pytest.mark.parametrize("gap", [1e-8, 1e-7, 1e-6, 1e-5, 1e-4])
-def test_clusters(count: int, gap: float) -> None:
-    """Close roots are separated if g exceeds its noise between them, and else are one root."""
-    rng = np.random.default_rng(6)
-    apart, together = {2: (3e-7, 4e-8), 3: (5e-5, 8e-6)}[count]
-    for _ in range(200):
-        s = rng.uniform(0.01, 0.98)
-        inside = [snapped(s + k * gap) for k in range(count)]
-        result, _ = roots(rounded(inside), 1.0)
-        assert sum(directions(result)) == (0 if count == 2 else 1)
-        assert all(abs(root.time - s) < max(5 * gap, 1e-4 if count == 3 else 1e-6) for root in result)
-        assert len(result) == count or gap < apart
-        assert len(result) == 1 or gap > together
-
-
 def wave(t: float, turns: int) -> FloatArray:
     """Return the Taylor coefficients about t of the cosine shifted by quarter periods; 3 quarters give the sine."""
     derivatives = (math.cos(t), -math.sin(t), -math.cos(t), math.sin(t))
     return np.array([derivatives[(k + turns) % 4] / math.factorial(k) for k in range(30)])
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("digits", range(1, 13))
-def test_grazing(digits: int, share: Share) -> None:
-    """cos t - (1 - e) has two crossings for e > 0, none for e < 0, one touch for e = 0, for any expansion point."""
-    rng, e = np.random.default_rng(digits), 10.0**-digits
-    for _ in range(share(50)):
-        t, end = rng.uniform(-1.2, -0.6), rng.uniform(0.6, 0.9)
-        for depth, expected in ((e, [1, -1]), (-e, []), (0.0, [0])):
-            c = wave(t, 0)
-            c[0] = -2 * math.sin(t / 2) ** 2 + depth  # cos t - 1 without cancellation
-            for start, length in ((t, end - t), (-t, t - end)):
-                series = c * np.sign(length) ** np.arange(len(c))
-                result, after = roots(series, length)
-                assert directions(result) == expected and after == Side(-1)
-                for root, side in zip(result, (-1, 1) if expected == [1, -1] else (0,), strict=False):
-                    truth = side * math.acos(1 - depth) if depth > 1e-6 else side * math.sqrt(2 * abs(depth))
-                    sharp = 1e-14 / math.sqrt(2 * depth) if depth > 0 else 1e-13
-                    assert abs((start + root.time) * np.sign(length) - truth) < sharp + abs(depth) ** 1.5
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-150, 1.0, 1e150, 1e300])
@@ -228,15 +163,6 @@ def test_scales(scale: float) -> None:
     assert clear(np.array([-0.5, 0.3 / scale]), scale) and not clear(np.array([-0.5, 1 / scale]), scale)
 
 
-def test_nothing_vanishes_nowhere() -> None:
-    for before in (Side(), Side(1), Side(-1, near=True)):
-        for c in (np.zeros(1), np.zeros(25)):
-            result, after = roots(c, 1.0, before)
-            assert result == [] and after == before
-    assert roots(np.array([3.0]), 1.0) == ([], Side(1))
-    assert roots(np.array([-3.0, 1.0]), 0.0) == ([], Side(-1))
-
-
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_is_refused(bad: float) -> None:
     for c, h, noise in (([1.0, bad], 1.0, 0.0), ([1.0, 2.0], bad, 0.0), ([1.0, 2.0], 1.0, bad), ([bad], 1.0, 0.0)):
@@ -252,24 +178,8 @@ def clear(c: FloatArray, h: float, noise: float = 0.0) -> bool:
     return bool(called(keeps_sign.form())(c, len(c), h, noise, float(np.sign(c[0]))))
 
 
-def test_a_function_that_keeps_its_sign_has_no_root() -> None:
-    rng = np.random.default_rng(9)
-    steps = [(rng.standard_normal(12) * 0.5 ** np.arange(12), float(rng.uniform(0, 2))) for _ in range(2000)]
-    certain = [(c, h) for c, h in steps if clear(c, h)]
-    assert 200 < len(certain) < 1800
-    for c, h in certain:
-        assert roots(c, h) == ([], Side(1 if c[0] > 0 else -1))
-    assert not clear(np.array([1.0, 0.5]), 1.0, noise=1.1) and clear(np.array([1.0, 0.5]), 1.0, noise=0.9)
-
-
 Series = Callable[[float], FloatArray]
 """From a time to the Taylor coefficients of g about it."""
-
-
-def versine(t: float) -> FloatArray:
-    c = -wave(t, 0)
-    c[0] = 2 * math.sin(t / 2) ** 2
-    return c
 
 
 def power(order: int) -> Series:
@@ -314,20 +224,6 @@ def test_a_run_reports_each_root_of_the_sine_once(seed: int, grid: bool, share: 
             onward = path[0] < path[-1]
             assert [way for _, way in events] == alternating(11, -1 if onward else 1), path
             assert [time for time, _ in events] == pytest.approx(places[:: 1 if onward else -1], abs=4e-14)
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("noise", [0.0, 1e-12])
-@pytest.mark.parametrize("seed", range(3))
-def test_a_run_reports_each_touch_once(seed: int, noise: float, share: Share) -> None:
-    rng = np.random.default_rng(400 + seed)
-    places = [2 * k * math.pi for k in range(1, 6)]
-    for _ in range(share(60)):
-        edges = edges_about(rng, places, 0.375, 36.0, grid=False)
-        for path in (edges, edges[::-1]):
-            events = followed(versine, path, noise=noise)
-            assert [way for _, way in events] == [0] * 5, path
-            assert [time for time, _ in events] == pytest.approx(places[:: 1 if path is edges else -1], abs=3e-6)
 
 
 @pytest.mark.few(2)

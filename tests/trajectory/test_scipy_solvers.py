@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import scipy.integrate
 
 import lagrange as lg
 from lagrange.errors import StatementError
@@ -40,24 +39,6 @@ def test_a_step_taken_again_has_the_path_that_it_had(name: str, t0: float, t1: f
     # The length of a step is rounded with the times at its ends.
     np.testing.assert_allclose(again.at(times), there.y, rtol=0, atol=1e-12)
     assert np.array_equal(again.at(again.t), again.y)
-
-
-def test_the_path_of_lsoda_is_that_of_scipy() -> None:
-    model = shared_scene("elastic-pendulum").compile()
-    run = lg.integrate(model, (0.0, 8.0), method="scipy-lsoda", rtol=1e-7, atol=1e-7)
-    by_hand: Any = scipy.integrate.solve_ivp(
-        model.rhs, (0.0, 8.0), run.y[:, 0], method="LSODA", jac=model.jacobian, dense_output=True, rtol=1e-7, atol=1e-7
-    )
-    assert np.array_equal(run.t, by_hand.t)
-    times = np.linspace(0.0, 8.0, 500)
-    np.testing.assert_allclose(run.at(times), by_hand.sol(times), rtol=0, atol=1e-11)
-
-
-@pytest.mark.few(2)
-def test_no_warning_leaks(method: Any) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        method.integrate(problem(lambda t, x, v: np.exp(np.float64(x) * 1e4), y0=(0.0, 1.0)))
 
 
 def test_options_bound_the_steps() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -65,15 +64,6 @@ def test_a_stiff_oscillator_ends_in_time_where_the_method_is_for_it(method: Any)
     assert run.status is (Status.SUCCESS if stiff else Status.MAX_STEPS)
     if stiff:
         assert run.y[0, -1] == pytest.approx(1.9933, abs=1e-3)
-
-
-@pytest.mark.few
-def test_threads_do_not_disturb_each_other(method: Any) -> None:
-    expected = method.integrate(problem(oscillator)).y[:, -1]
-    with ThreadPoolExecutor(4) as pool:
-        result = list(pool.map(lambda _: method.integrate(problem(oscillator)), range(4)))
-    assert [run.status for run in result] == [Status.SUCCESS] * 4
-    assert all((run.y[:, -1] == expected).all() for run in result)
 
 
 @pytest.mark.parametrize(
@@ -141,46 +131,6 @@ def test_a_ball_comes_to_rest_in_words(method: Any, restitution: float, rtol: fl
     assert len(times) > 8 and times == pytest.approx(bounces(restitution, len(times)), abs=off)
     apex = result.y_events[0][:, 1]
     assert (np.diff(np.abs(apex)) < 0).all()
-
-
-@pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
-def test_what_rests_at_first_does_not_slip_through(method: Any) -> None:
-    """At a height of -1e6 the first steps after an impact are so short that the ball moves only by round-off."""
-    high = ball(height=-1e6 + 364.0, speed=-24.6)
-    result = go(high, 50.0, [floor(0, -1e6)], method=method, rtol=1e-11, atol=1e-11)
-    assert result.status is Status.STEP_TOO_SMALL and "comes to rest" in result.message
-    assert len(result.t_events[0]) == 1 and result.t[-1] == pytest.approx(result.t_events[0][0], abs=1e-3)
-    assert result.y[0].min() > -1e6 - 1e-6
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("seed", range(12))
-@pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
-def test_bounces_at_the_edge_of_round_off_end(method: Any, seed: int) -> None:
-    """Rounding would continue flights below the spacing of doubles for ever."""
-    rng = np.random.default_rng(seed)
-    level, height, tolerance = float(rng.choice([-1e6, 1e4])), float(rng.uniform(0, 30)), 10.0 ** rng.uniform(-11, -8)
-    restitution = float(rng.choice([0.5, 0.7, 0.85]))
-    model = ball(height=level + height, speed=float(rng.normal()))
-    result = go(model, 60.0, [floor(restitution, level)], method=method, rtol=tolerance, atol=tolerance)
-    assert result.status is Status.STEP_TOO_SMALL and "infinitely many" in result.message
-    assert result.y[0].min() > level - 1e-6 and len(result.t_events[0]) < 400
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("method", OUTSIDE)
-def test_the_path_leaps_where_the_state_does(method: str, sign: int) -> None:
-    """The motion is a saw tooth, forwards and backwards; output times use the same dense output."""
-    teeth = [event(x - sign, reset={x: 0})]
-    saw = go(free(), 2.5 * sign, teeth, method=method)
-    assert saw.t_events[0] == pytest.approx([sign, 2 * sign], rel=1e-12)
-    times = sign * (np.linspace(0.0, 2.5, 26)[1:-1] + 0.01)
-    assert saw.dense(times)[0] == pytest.approx(sign * np.mod(np.abs(times), 1.0), abs=1e-13)
-    assert saw.dense(saw.t[1:-1:2]).shape == (2, len(saw.t[1:-1:2]))
-    ends = np.flatnonzero(np.diff(saw.t) == 0)
-    assert saw.y[0, ends] == pytest.approx([sign, sign], rel=1e-12) and (saw.y[0, ends + 1] == 0).all()
-    same = go(free(), 2.5 * sign, teeth, method=method, t_eval=times)
-    assert np.array_equal(same.y, saw.dense(times)) and same.steps == saw.steps == len(saw.t) - 1 - len(ends)
 
 
 @pytest.mark.few(2)

@@ -144,35 +144,6 @@ def test_a_start_below_zero_by_rounding_is_the_level_to_come_back_to() -> None:
     assert result.status is Status.STEP_TOO_SMALL and "too quickly for the steps of the method" in result.message
 
 
-@pytest.mark.parametrize("name", [name for name in STEPPED if name in FIXED])
-def test_no_ball_falls_through_the_floor(name: str) -> None:
-    """If flights are shorter than the step, the dense output may reach the floor with an upward velocity."""
-    for restitution in (0.5, 0.8):
-        # It has come to rest after 4.1 s.
-        result = go(ball(), 10.0, [floor(restitution)], name, step=0.01)
-        assert result.y[0].min() > -1e-12
-        if result.status is not Status.SUCCESS:
-            assert result.status is Status.STEP_TOO_SMALL and "infinitely many impacts" in result.message
-        assert len(result.t_events[0]) >= 6
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("name", ["taylor", "rk4", "verlet", "dopri5", "dop853", *OUTSIDE])
-def test_a_circular_billiard(name: str) -> None:
-    """Energy and angular momentum are conserved, and all chords take the same time."""
-    r2 = x**2 + y**2
-    normal = (x * x.dot + y * y.dot) / r2
-    mirror = event(r2 - 1, direction=1, reset={x.dot: x.dot - 2 * normal * x, y.dot: y.dot - 2 * normal * y})
-    start = {x: 0.3, y: 0.1, x.dot: 0.7, y.dot: 0.5}
-    model = build(kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial=start)
-    result = go(model, 230.0, [mirror], name, **({"step": 0.3} if name in FIXED else {}))
-    spin = result.y[0] * result.y[3] - result.y[1] * result.y[2]
-    assert len(result.t_events[0]) == 100
-    assert np.ptp(spin) < 1e-11 and np.ptp((result.y[2:] ** 2).sum(axis=0)) < 1e-11
-    assert np.ptp(np.diff(result.t_events[0])) < 1e-9
-    assert (result.y[:2] ** 2).sum(axis=0).max() < 1 + 1e-11
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("name", ["taylor", "rk4", "dop853", *OUTSIDE])
 def test_a_start_on_the_floor(name: str) -> None:
@@ -230,17 +201,6 @@ def test_what_a_limit_cuts_off_has_not_happened(name: str, options: dict[str, An
     assert len(result.t_events[1]) == pytest.approx(result.t[-1] * 20 / math.pi, abs=1.1)
 
 
-@pytest.mark.parametrize("name", ["taylor", "rk4", "dop853", *OUTSIDE])
-def test_control_c_keeps_events_and_states_together(name: str) -> None:
-    def progress(when: float) -> None:
-        if when > 5:
-            raise KeyboardInterrupt
-
-    result = go(free(), 1e6, [event(x - 1, reset={x: 0}), x - 0.5], name, progress=progress)
-    assert result.status is Status.INTERRUPTED and result.t[-1] > 5
-    assert len(result.t_events[1]) in (len(result.t_events[0]), len(result.t_events[0]) + 1)
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("name", ["taylor", *STEPPED, *IMPLICIT, *OUTSIDE])
 def test_backwards_through_resets(name: str) -> None:
@@ -251,14 +211,3 @@ def test_backwards_through_resets(name: str) -> None:
     assert back.status is there.status is Status.SUCCESS, back.message
     assert len(there.t_events[0]) >= 3
     assert 1.2 - back.t_events[0] == pytest.approx(there.t_events[0], rel=1e-9)
-
-
-@pytest.mark.parametrize("name", ["dop853", "radau5", "rk4"])
-def test_events_in_time_turn_many_times_within_a_step(name: str) -> None:
-    """The step is halved until the event function is resolved, with the times of each part."""
-    model = build(kinetic=x.dot**2 / 2, initial={x.dot: 1.0})
-    given: dict[str, Any] = {"step": 2.0} if name in FIXED else {"rtol": 1e-6, "atol": 1e-6}
-    for start, end in ((0.0, 10.0), (10.0, 0.0)):
-        result = go(model, end, [sin(40 * t + 1), x - 9 + 8 * cos(7 * t)], name, start, **given)
-        expected = (np.arange(1, 128) * math.pi - 1) / 40
-        assert np.sort(result.t_events[0]) == pytest.approx(expected[expected < 10], rel=1e-11)

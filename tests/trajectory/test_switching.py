@@ -17,7 +17,7 @@ from lagrange.statement.event import event
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
-from tests.models import LLVM_FIRST, TARGETS, build, x, y, z
+from tests.models import TARGETS, build, x, y, z
 from tests.trajectory.runs import run
 from tests.trajectory.watched import go
 
@@ -99,15 +99,6 @@ def test_chattering_is_said() -> None:
     result = go(particle(force=-sign(x + x.dot), x=1.0), 10.0)
     assert result.status is Status.STEP_TOO_SMALL and result.t[-1] == pytest.approx(math.sqrt(3) - 1, rel=1e-12)
     assert "jump where x + x_dot is zero" in result.message
-
-
-@pytest.mark.parametrize("target", LLVM_FIRST)
-@pytest.mark.parametrize("width", [sp.Rational(1, 10), sp.Rational(1, 1000)])
-def test_a_short_push_in_a_long_rest_is_not_missed(width: Any, target: str) -> None:
-    result = go(particle(force=Piecewise((10, (t > 50) & (t < 50 + width)), (0, True)), target=target), 100.0)
-    speed = 10 * float(width)
-    assert result.y[1, -1] == pytest.approx(speed, rel=1e-11)
-    assert result.y[0, -1] == pytest.approx(speed * (50 - float(width) / 2), rel=1e-11)
 
 
 def test_a_surface_that_is_only_touched() -> None:

@@ -54,23 +54,6 @@ def test_an_order_of_ones_own(order: int) -> None:
     assert higher.steps <= result.steps
 
 
-@pytest.mark.few(2)
-@pytest.mark.parametrize("name", ["pendulum", "Kepler orbit"])
-@pytest.mark.parametrize("order", [4, 5, 6, 7, 9])
-def test_a_low_order_takes_the_steps_that_its_error_asks_for(order: int, name: str) -> None:
-    """The step length is proportional to tolerance**(1/p), also from rest and at turning points."""
-    expected = truth(name, 1.5)
-
-    def steps(rtol: float, order: int) -> int:
-        result = run(model(name), 1.5, Taylor(rtol=rtol, atol=0.0, order=order))
-        assert result.status is Status.SUCCESS and np.abs(result.y[:, -1] - expected).max() < 20 * rtol
-        return result.steps
-
-    fine = steps(1e-10, order)
-    assert fine <= 1.3 * steps(1e-7, order) * 1e3 ** (1 / order)
-    assert fine <= 2.5 * steps(1e-10, 12) * 1e10 ** (1 / order - 1 / 12)
-
-
 def test_a_system_in_loops() -> None:
     """A chain in seven relative angles has a full mass matrix, which is inverted at each step."""
     given = relative(7)
@@ -137,17 +120,6 @@ def test_a_rock_without_air(end: float, target: str) -> None:
 # --- tolerances -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("rtol", [0.0, 1e-30])
-def test_tolerances_below_round_off_are_raised_and_said(rtol: float, target: str) -> None:
-    result = run(model("pendulum", target), 1.5, "taylor", rtol=rtol, atol=0.0)
-    assert result.status is Status.SUCCESS
-    assert f"rtol = {rtol:g} is below round-off and was raised to 1.11e-16." in result.message
-    assert np.abs(result.y[:, -1] - truth("pendulum", 1.5)).max() < 1e-13
-    told = run(model("pendulum", target), 1.5, "taylor", rtol=2e-16, atol=0.0)
-    assert "raised" not in told.message
-
-
 # --- ends -----------------------------------------------------------------------------------------------------
 
 STOPPED = (Status.STEP_TOO_SMALL, Status.NON_FINITE)
@@ -165,17 +137,3 @@ def test_coefficients_that_overflow(start: float, after: float, target: str) -> 
 
 
 # --- flows ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("order", [None, 8, 12, 18, 20, 24])
-def test_a_coefficient_that_is_small_by_chance(target: str, order: int | None) -> None:
-    """From rest every second coefficient is zero, and at some angles another one is nearly zero."""
-    swing = model("pendulum", target)
-    for degrees in (30, 90, 150):
-        start = {"theta": math.radians(degrees)}
-        result = run(swing, 2.0, Taylor(rtol=1e-9, atol=1e-9, order=order), initial=start)
-        energy = swing.energy(result.y[:1], result.y[1:])
-        assert result.status is Status.SUCCESS and result.steps < 200
-        assert abs(energy - energy[0]).max() < 1e-7 * max(1.0, abs(energy[0]))
