@@ -44,16 +44,6 @@ def test_a_bouncing_ball_rests_after_the_time_of_zeno(restitution: float) -> Non
     assert f"{rest:.6g}"[:6] in run.message
 
 
-def test_each_impact_of_a_ball_is_where_geometry_puts_it() -> None:
-    impacts = ball(0.5).run(2.0).contacts["floor"].impacts
-    first = np.sqrt(2 / G)
-    times = [first * (1 + 2 * sum(0.5**j for j in range(1, k + 1))) for k in range(20)]
-    assert [impact.t for impact in impacts[:20]] == pytest.approx(times, abs=1e-14)
-    speeds = G * first * 0.5 ** np.arange(20)
-    assert [impact.impulse for impact in impacts[:20]] == pytest.approx(1.5 * speeds, rel=1e-9)
-    assert [impact.energy_lost for impact in impacts[:20]] == pytest.approx(0.375 * speeds**2, rel=1e-9)
-
-
 def test_a_block_on_an_incline_stops_and_stays() -> None:
     system = block(0.3, 0.5, initial={"x_dot": 3.0})
     slowing = G * (np.sin(0.3) + 0.5 * np.cos(0.3))
@@ -127,24 +117,6 @@ def test_sliding_begins_where_a_growing_force_reaches_the_cone() -> None:
         run = system.run(2.0, parameters={m: 1}).require()
         begins = run.t[np.argmax(run.contacts["floor"].mode == "sliding")]
         assert begins == pytest.approx(0.5 if force == lg.t else np.sqrt(0.5), abs=1e-12)
-
-
-def test_a_ball_on_a_table_doubles_its_period_with_multipliers_minus_one_and_the_square_of_restitution() -> None:
-    """The map of impacts has the determinant e^2 and the trace 1 + e^2 + (1 + e)^2 a/g; the table accelerates with a.
-
-    Its trace is -(1 + e^2) where a = -2 g (1 + e^2)/(1 + e)^2; J. Guckenheimer, P. Holmes, 1983, section 2.4.
-    """
-    y, e = lg.coordinate("y"), 0.5
-    along, across = (1 - e) / (1 + e) / (4 * np.pi), 2 * (1 + e**2) / (1 + e) ** 2 / (4 * np.pi**2)
-    table = along * sin(2 * sympy.pi * lg.t) + across * cos(2 * sympy.pi * lg.t)
-    system = lg.System(y.dot**2 / 2, y, contacts={"table": lg.contact(y - table, restitution=e)})
-    flow, h = lg.flow(system.compile(), rtol=1e-12), 1e-4
-    # Half a period after an impact the ball is at the top of its flight, 1/8 above.
-    middle = np.array([across + 0.125, 0.0])
-    assert flow(middle, 0.5, 1.5) == pytest.approx(middle, abs=1e-10)
-    columns = [(flow(middle + step, 0.5, 1.5) - flow(middle - step, 0.5, 1.5)) / (2 * h) for step in h * np.eye(2)]
-    # Differences have an error of h^2.
-    assert np.sort(np.linalg.eigvals(np.array(columns).T)) == pytest.approx([-1, -0.25], abs=1e-6)
 
 
 # --- undetermined motions and forces --------------------------------------------------------------------------

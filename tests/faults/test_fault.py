@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
-import numpy as np
 import pytest
 
 from lagrange.errors import StatementError
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.faults import fault as judge
 from tests.faults.fault import Fault, take
 from tests.faults.matrix import FAULTS
-from tests.faults.motions import cosine, particle, x
+from tests.faults.motions import cosine
 from tests.faults.requests import bob
 
 PLAIN = Fault("plain", "no fault", bob, truth=cosine, step=None)
@@ -46,11 +41,6 @@ def hopeful(result: Trajectory) -> Trajectory:
     return replace(result, status=Status.SUCCESS)
 
 
-def hang(result: Trajectory) -> Trajectory:
-    while True:
-        time.sleep(0.01)
-
-
 def fall(result: Trajectory) -> Trajectory:
     raise RuntimeError("no idea")
 
@@ -72,10 +62,6 @@ def excused(result: Trajectory) -> Trajectory:
     return replace(doubtful(result), status=Status.SUCCESS)
 
 
-def infinite(result: Trajectory) -> Trajectory:
-    return replace(result, y=np.append(result.y[:, :-1], [[math.inf], [0.0]], axis=1))
-
-
 def mute(result: Trajectory) -> Trajectory:
     return replace(result, message="changed stopped.")
 
@@ -89,7 +75,6 @@ def other(result: Trajectory) -> Trajectory:
     [
         (PLAIN, lambda found: found, "right"),
         (PLAIN, off, "silent"),
-        (PLAIN, infinite, "silent"),
         (PLAIN, doubtful, "wrong"),
         (PLAIN, lambda found: doubtful(off(found)), "unreliable"),
         (PLAIN, lambda found: replace(off(found), status=Status.UNRELIABLE), "wrong"),
@@ -105,30 +90,9 @@ def other(result: Trajectory) -> Trajectory:
         (POLE, mute, "wrong"),
         (POLE, other, "wrong"),
         (POLE, off, "wrong"),
-        (POLE, infinite, "wrong"),
     ],
 )
 def test_the_verdict(fault: Fault, change: Callable[[Trajectory], Trajectory], verdict: str) -> None:
     cell = take(fault, Changed(change))
     assert cell.verdict == verdict, cell.detail
     assert cell.sound == (verdict in ("right", "ended", "refused", "unreliable"))
-
-
-def test_a_run_without_an_end_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(judge, "ENDLESS", 0.1)
-    cell = take(PLAIN, Changed(hang))
-    assert cell.verdict == "endless" and cell.wall < 1.0
-
-
-def test_a_missed_event_is_silent() -> None:
-    class Blind(Changed):
-        claims = Claims(order=8, adaptive=True, events=True)
-
-        def integrate(self, problem: Problem) -> Trajectory:
-            result = super().integrate(replace(problem, events=()))
-            return replace(result, t_events=(np.array([]),), y_events=(np.empty((0, 2)),))
-
-    crossing: dict[str, Any] = {"options": {"events": [x]}, "events": ((1.0,),)}
-    passing = Fault("passing", "", lambda: particle(0, -1.0, 1.0), end=2.0, **crossing)
-    cell = take(replace(passing, truth=lambda t: np.array([t - 1, np.ones_like(t)])), Blind(lambda result: result))
-    assert cell.verdict == "silent" and "found 0 times" in cell.detail

@@ -21,14 +21,8 @@ ANGLE = sp.atan2(y, x)
 
 LAWS: list[tuple[Any, Any, Callable[[float], tuple[float, float]]]] = [
     (sp.sign(ANGLE) / 10, 0, lambda a: (math.copysign(0.1, a), 0.0)),
-    (ANGLE / 10, 0, lambda a: (a / 10, 0.0)),
     (ANGLE, -ANGLE, lambda a: (a, -a)),
     (sp.Abs(ANGLE - 1), -y, lambda a: (abs(a - 1), math.nan)),
-    (
-        sp.Piecewise((1, ANGLE > 1), (2, ANGLE > -1), (-1, True)),
-        -y,
-        lambda a: (1.0 if a > 1 else 2.0 if a > -1 else -1.0, math.nan),
-    ),
     (-x + sp.Max(ANGLE, -2) / 5, -y, lambda a: (max(a, -2.0) / 5, math.nan)),
 ]
 """Forces along x and y, and by hand what the angle contributes; where nan stands, y is on a spring."""

@@ -12,7 +12,7 @@ from sympy import Abs, Piecewise, cos, sin, sqrt
 
 import lagrange as lg
 from lagrange.trajectory.constraints.consistent import consistent_start, violation
-from tests.models import c, g, l, m, theta, x, y, z
+from tests.models import g, l, m, theta, x, y, z
 from tests.refusals import refusal
 from tests.systems import rod_pendulum
 
@@ -59,15 +59,6 @@ def test_a_velocity_constraint_moves_velocities_alone() -> None:
     result = knife.consistent({theta: 0.3, x.dot: 1.0}).initial
     assert (result[x], result[y], result[theta], result[theta.dot]) == (0.0, 0.0, 0.3, 0.0)
     assert np.tan(0.3) * result[x.dot] == pytest.approx(result[y.dot], abs=1e-12)
-
-
-def test_time_and_parameters_are_taken() -> None:
-    driven = lg.System(
-        kinetic=m * (x.dot**2 + y.dot**2) / 2, constraints={"lift": y - c * sin(2 * lg.t)}, parameters={m: 1.0, c: 1.0}
-    )
-    result = driven.consistent({}, t=0.4, parameters={c: 3.0}).initial
-    assert result[y] == pytest.approx(3 * np.sin(0.8), abs=1e-12)
-    assert result[y.dot] == pytest.approx(6 * np.cos(0.8), abs=1e-12)
 
 
 def test_a_singular_mass_matrix_that_is_definite_on_the_surface() -> None:

@@ -17,7 +17,7 @@ from lagrange.trajectory.measures.constraints import constraint_drift
 from tests.models import shared_scene
 
 m, g, l = lg.parameters("m g l")
-x, y, x1, y1, x2, y2, theta = lg.coordinates("x y x1 y1 x2 y2 theta")
+x, y, theta = lg.coordinates("x y theta")
 
 PENDULUM: dict[str, Any] = {
     "kinetic": m * (x.dot**2 + y.dot**2) / 2,
@@ -31,18 +31,6 @@ PENDULUM: dict[str, Any] = {
 
 def run(**changes: Any) -> lg.Solution:
     return lg.System(**{**PENDULUM, **changes}).run(2.0, rtol=1e-12)
-
-
-def double() -> lg.Solution:
-    system = lg.System(
-        kinetic=(x1.dot**2 + y1.dot**2) / 2 + m * (x2.dot**2 + y2.dot**2) / 2,
-        potential=g * (y1 + m * y2),
-        constraints={"upper": x1**2 + y1**2 - 1, "lower": (x2 - x1) ** 2 + (y2 - y1) ** 2 - l**2},
-        parameters={m: 0.5, g: 9.81, l: 1},
-        initial={x1: 1, x2: 2},
-        positions={"pin": (0, 0), "inner": (x1, y1), "outer": (x2, y2)},
-    )
-    return system.run(1.0, rtol=1e-12)
 
 
 def ladder(**points: Any) -> lg.Solution:
@@ -68,15 +56,6 @@ def test_generalized_forces_are_those_of_the_equations() -> None:
     weight = np.array([[0.0], [-1.3 * 9.81]])
     accelerations = np.stack([solution.evaluate(x.ddot), solution.evaluate(y.ddot)])
     np.testing.assert_allclose(forces + weight, 1.3 * accelerations, rtol=1e-12, atol=1e-12)
-
-
-def test_a_rod_between_two_points_pulls_both_alike() -> None:
-    solution = double()
-    inner, outer = (solution.constraint_force("lower", at=name) for name in ("inner", "outer"))
-    np.testing.assert_allclose(inner, -outer, atol=1e-11)
-    np.testing.assert_allclose(outer, solution.constraint_force("lower")[2:], atol=1e-11)
-    assert not solution.constraint_force("upper", at="outer").any()
-    assert not solution.constraint_force("upper", at="pin").any()
 
 
 def test_a_contact_acts_on_the_point_that_touches() -> None:

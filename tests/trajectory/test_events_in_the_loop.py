@@ -119,40 +119,6 @@ def test_random_events(seed: int, target: str, monkeypatch: pytest.MonkeyPatch) 
     assert_same(shown, run(compiled, end, "taylor", events=events, t_eval=times))
 
 
-STEEP = (
-    [event(x**40 - Rational(1, 10) ** 20), event(y)],
-    [event(x**40 + y**44 - Rational(1, 10) ** 20), event(y - x**50)],
-    [
-        event(x**41 * y - Rational(1, 10) ** 25, direction=1),
-        event(y**60 - Rational(1, 10) ** 30, reset={x.dot: -x.dot}),
-    ],
-    [event((x - y) ** 39 - Rational(1, 10) ** 25, direction=-1, terminal=2), event(x.dot)],
-)
-"""Powers above the order: their series are zero where their base is, and say nothing of what they grow to."""
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("events", STEEP, ids=str)
-@pytest.mark.parametrize(
-    ("target", "end"), [("llvm", 5.0), ("llvm", -5.0), pytest.param("numpy", 1.5, marks=pytest.mark.slow)]
-)
-def test_powers_above_the_order(events: list[Any], target: str, end: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The loop finds the same zeros as Python. It calls Python for a start at zero and for little else."""
-    compiled, asked = random_model(np.random.default_rng(7), target), []
-    process = SeriesWatch.process
-
-    def counted(self: SeriesWatch, state: DriverState) -> EventResult:
-        asked.append(state.t)
-        return process(self, state)
-
-    monkeypatch.setattr(SeriesWatch, "process", counted)
-    ours = run(compiled, end, "taylor", events=events)
-    assert ours.steps > 6 and len(asked) <= 2 * len(ours.t_events[-1]) + 4
-    assert_zeros(ours, events)
-    changed_in_python(monkeypatch)
-    assert_same(ours, run(compiled, end, "taylor", events=events))
-
-
 def random_switches(chance: np.random.Generator, target: str) -> Model:
     """Return two masses with one-sided springs, contacts, and dry friction."""
     level, stiff = Rational(int(chance.integers(-3, 4)), 10), Rational(int(chance.integers(1, 9)), 2)

@@ -11,7 +11,7 @@ from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from tests.models import LLVM_FIRST, TARGETS, B, k, m, r, x, y, z
+from tests.models import LLVM_FIRST, TARGETS, B, k, m, x, y, z
 from tests.refusals import refusal
 
 METHODS = ("taylor", "dop853", "radau5")
@@ -52,30 +52,6 @@ def test_a_jacobian_knows_that_a_velocity_of_first_order_follows_from_the_state(
     expected = np.transpose([(model.rhs(0, state + h * e) - model.rhs(0, state - h * e)) / (2 * h) for e in np.eye(4)])
     # Central differences have an error of h**2 and of the rounding 1e-16/h.
     assert model.jacobian(0, state) == pytest.approx(expected, abs=1e-9)
-
-
-def test_beside_a_constraint() -> None:
-    """A pendulum on a rod swings as it does without the charge."""
-    rod = {"rod": z**2 + r**2 - 1}
-    swing = m * (z.dot**2 + r.dot**2) / 2 - 9 * m * r
-    alone = lg.System(lagrangian=swing, coordinates=[z, r], constraints=rod, parameters={m: 1.0})
-    free = B * x * y.dot - y**2 - x**2
-    beside = lg.System(lagrangian=swing + free, coordinates=[x, z, r, y], constraints=rod, parameters={m: 1.0, B: 1.0})
-    start = {z: 0.6, r: -0.8}
-    result, expected = beside.run(3.0, {**start, x: 1.0}), alone.run(3.0, start)
-    assert result.y[[1, 2], -1] == pytest.approx(expected.y[:2, -1], abs=1e-8)
-    assert result.y[0, -1] == pytest.approx(np.cos(2 * 3.0), abs=1e-8)
-    model, state = beside.compile(), result.y[:, -1]
-    tension = alone.compile().multipliers(state[[1, 2]], state[[5, 6]])
-    assert model.multipliers(state[:4], state[4:]) == pytest.approx(tension, rel=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("system", [charge(), charge(forces={x: -y.dot / 2, y: x.dot / 5})])
-def test_the_check_holds(system: lg.System) -> None:
-    report = system.check(points=2)
-    assert report, str(report)
-    assert "is of first order" not in str(report) and "of first order has no accelerations in it" in str(report)
 
 
 def test_velocities_are_found_from_positions_or_must_agree() -> None:

@@ -3,62 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinates
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.implicit import ImplicitMethod
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
-from tests.models import TARGETS, VALUES, B, build, g, k, l, m, model, x
+from tests.models import TARGETS, B, build, g, k, l, model, x
 from tests.trajectory.runs import EQUAL, FIXED, IMPLICIT, SLOPES, exact, implicit, run
-
-# --- formulas, written out again ------------------------------------------------------------------------------
-
-R3, R15 = 3**0.5, 15**0.5
-TABLEAUS: dict[str, tuple[Any, Any, Any]] = {
-    "backward-euler": ([[1]], [1], [1]),
-    "trapezoidal": ([[0, 0], [0.5, 0.5]], [0.5, 0.5], [0, 1]),
-    "implicit-midpoint": ([[0.5]], [1], [0.5]),
-    "gauss2": ([[1 / 4, 1 / 4 - R3 / 6], [1 / 4 + R3 / 6, 1 / 4]], [0.5, 0.5], [0.5 - R3 / 6, 0.5 + R3 / 6]),
-    "gauss3": (
-        [
-            [5 / 36, 2 / 9 - R15 / 15, 5 / 36 - R15 / 30],
-            [5 / 36 + R15 / 24, 2 / 9, 5 / 36 - R15 / 24],
-            [5 / 36 + R15 / 30, 2 / 9 + R15 / 15, 5 / 36],
-        ],
-        [5 / 18, 4 / 9, 5 / 18],
-        [0.5 - R15 / 10, 0.5, 0.5 + R15 / 10],
-    ),
-}
-
-
-def by_tableau(name: str, f: Callable[..., Any], t: float, y: Any, h: float) -> Any:
-    """Return a step whose stages are found by fixed-point iteration, independent of Newton's method."""
-    A, b, c = (np.array(part, dtype=float) for part in TABLEAUS[name])
-    slopes = np.array([f(t, y)] * len(b))
-    for _ in range(200):
-        slopes = np.array([f(t + ci * h, y + h * row @ slopes) for ci, row in zip(c, A, strict=True)])
-    return y + h * b @ slopes
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", TABLEAUS)
-def test_steps_follow_the_formula(name: str, target: str) -> None:
-    compiled = model("cart and pole", target)
-    h = 0.02
-    result = run(compiled, 0.3 + 12 * h, name, start=0.3, step=h)
-    state = np.array(compiled.statement.initial)
-    for i in range(12):
-        assert result.y[:, i] == pytest.approx(state, rel=1e-12, abs=1e-14)
-        state = by_tableau(name, compiled.rhs, 0.3 + i * h, state, h)
-    assert result.y[:, -1] == pytest.approx(state, rel=1e-12)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -175,26 +132,6 @@ def test_units_do_not_matter(name: str) -> None:
     assert np.abs(np.array(ends) - ends[0]).max() < 1e-12
 
 
-def stiff() -> tuple[Model, dict[str, Any]]:
-    """An elastic pendulum with a stiffness of 1e8, started so that the spring does not vibrate."""
-    start = VALUES[l] + VALUES[m] * VALUES[g] * np.cos(0.5) / 1e8
-    return model("elastic pendulum"), {"parameters": {k: 1e8}, "initial": {"r": start, "theta": 0.5, "theta_dot": 0}}
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", EQUAL)
-def test_round_off_ends_the_iteration(name: str, target: str) -> None:
-    """With a stiffness of 1e8 the residuals stay above 1e-8 of the slopes, but the iteration ends."""
-    if not find(name).claims.a_stable:
-        pytest.skip("explodes with steps this long")
-    compiled = model("elastic pendulum", target)
-    result = run(compiled, 2.0, name, step=0.01, **stiff()[1])
-    stages = 6
-    assert result.status is Status.SUCCESS, result.message
-    assert result.evaluations < 12 * stages * result.steps
-
-
 # --- how it fails ---------------------------------------------------------------------------------------------
 
 
@@ -228,24 +165,6 @@ def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
         singular = (Status.SINGULAR,) if compiled is shrinking else ()
         assert result.status in (Status.DIVERGED, *singular), result.message
         assert 0.9 * end <= result.t[-1] <= end and np.abs(result.y).max() < 3e6
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize(
-    ("name", "step", "force", "time"),
-    [
-        ("backward-euler", 0.1, x.dot**2 - x.dot**3 / 1000, 0.6),
-        ("backward-euler", 0.01, x.dot**2 - x.dot**3 / 1000, 0.94),
-        ("implicit-midpoint", 0.01, sp.exp(x.dot) - sp.exp(2 * x.dot) / 10_000, 0.37),
-    ],
-)
-def test_newton_does_not_wander_to_a_far_root(name: str, step: float, force: Any, time: float, target: str) -> None:
-    """After the near root has vanished, Newton's method could converge to one at v = 1000 or -4e5."""
-    compiled = build(target, kinetic=x.dot**2 / 2, forces={x: force}, initial={x: 0.0, x.dot: 1.0})
-    result = run(compiled, 2.0, name, step=step)
-    assert result.status is Status.DIVERGED, result.message
-    assert result.t[-1] == pytest.approx(time)
 
 
 @pytest.mark.few(2)

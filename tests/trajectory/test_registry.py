@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import inspect
 import math
-import re
 import sys
 from collections.abc import Callable
 from importlib.metadata import EntryPoint
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -102,19 +100,6 @@ def test_every_built_in_method_stands_in_the_public_module() -> None:
     for make in BUILT_IN.values():
         name = getattr(make, "__name__", "")
         assert name in methods.__all__ and getattr(methods, name) is make
-
-
-def test_a_method_is_entered_where_it_is_defined_and_listed_nowhere_else() -> None:
-    folder = Path(registry.__file__).parent
-    sources = {path.stem: path.read_text("utf-8") for path in sorted(folder.glob("*.py"))}
-    families = [name for name, source in sources.items() if re.search(r"^@built_in\(", source, re.MULTILINE)]
-    assert families == sorted(family.__name__.rpartition(".")[2] for family in registry.FAMILIES)
-    public = Path(methods.__file__).read_text("utf-8")
-    assert all(f"from lagrange.trajectory.methods.{name} import *" in public for name in families)
-    for name, make in BUILT_IN.items():
-        assert make.__module__.rpartition(".")[2] in families
-        assert f'"{name}": ' not in public + sources["registry"]
-        assert not re.search(rf"^ +\"?{make.__name__}\b", public + sources["registry"], re.MULTILINE)
 
 
 @pytest.mark.parametrize(

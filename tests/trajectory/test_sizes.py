@@ -42,14 +42,6 @@ def three_bodies(off: float) -> lg.System:
     )
 
 
-def chain(count: int) -> lg.System:
-    """Equal masses on stiffening springs; the first mass is displaced."""
-    q = lg.coordinates(" ".join(f"q{i}" for i in range(count)))
-    springs = [*pairwise(q)]
-    potential = sum((p - r) ** 2 / 2 + (p - r) ** 4 / 8 for p, r in springs) + (q[0] ** 2 + q[-1] ** 2) / 2
-    return lg.System(kinetic=plain(*q), potential=potential, coordinates=q, initial={q[0]: 1.0})
-
-
 def steps(model: Any, end: float, method: str, **options: Any) -> int:
     result = lg.integrate(model, (0.0, end), {}, method=method, rtol=1e-6, max_steps=20_000, **options)
     assert result.status is lg.Status.SUCCESS, result.message
@@ -72,13 +64,6 @@ def test_a_metre_and_a_nanometre_have_the_same_digits(method: str) -> None:
 def test_round_off_of_forces_that_cancel_does_not_shorten_steps(method: str, off: float) -> None:
     model = compiled(three_bodies, off)
     assert steps(model, 10.0, method) <= 1.5 * steps(model, 10.0, method, atol=1e-9) + 100
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("method", ADAPTIVE)
-def test_what_has_not_begun_to_move_does_not_shorten_steps(method: str) -> None:
-    model = compiled(chain, 24)
-    assert steps(model, 20.0, method) <= 1.1 * steps(model, 20.0, method, atol=1e-9)
 
 
 PUSHES = {

@@ -18,7 +18,7 @@ from lagrange.trajectory.methods.registry import find, table
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, x, y
 from tests.trajectory import watched
-from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, OUTSIDE, STEPPED, run
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, OUTSIDE, STEPPED, run
 from tests.trajectory.watched import FALL, G, ball, bounces, floor, free, harmonic
 
 TIGHT: dict[str, dict[str, Any]] = {
@@ -199,15 +199,3 @@ def test_what_a_limit_cuts_off_has_not_happened(name: str, options: dict[str, An
     assert result.status is status and result.t[-1] < 1e5
     assert len(result.t_events[0]) == pytest.approx(result.t[-1], abs=1.1)
     assert len(result.t_events[1]) == pytest.approx(result.t[-1] * 20 / math.pi, abs=1.1)
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("name", ["taylor", *STEPPED, *IMPLICIT, *OUTSIDE])
-def test_backwards_through_resets(name: str) -> None:
-    """In a run backwards in time the ball also falls, and bounces at the mirrored times."""
-    options = {} if find(name).claims.adaptive else {"step": 0.01}
-    there = watched.go(ball(), 1.2, [floor(0.5)], 0.0, name, **options)
-    back = watched.go(ball(), 0.0, [floor(0.5)], 1.2, name, **options)
-    assert back.status is there.status is Status.SUCCESS, back.message
-    assert len(there.t_events[0]) >= 3
-    assert 1.2 - back.t_events[0] == pytest.approx(there.t_events[0], rel=1e-9)

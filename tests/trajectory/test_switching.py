@@ -128,11 +128,8 @@ START = {x: 0.4, y: -0.1, z: -0.8, a: 0.7, b: 0.5, c: 0.6}
 
 INERTIAS = {
     "a power of a speed": (1 + x / 10) * a**2 + b**2 + c**2 / 2 + a * Abs(b) ** Rational(3, 2) / 10,
-    "another power": (1 + x / 10) * a**2 + b**2 + c**2 / 2 + a * Abs(b) ** Rational(7, 4) / 10,
     "a power of a place": (2 + sqrt(Abs(y))) * a**2 + b**2 + c**2 / 2 + a * b * Abs(x) ** Rational(-1, 4),
     "a cube": Abs(a) ** 3 / 3 + b**2 / 2 + c**2 / 2 - x**2 / 2,
-    "a place": Abs(x) * a**2 / 2 + b**2 / 2 + c**2 / 2 - x * y,
-    "a sign": (3 * sign(x) + sign(y)) * a**2 / 2 + b**2 / 2 + c**2 / 2 - x * y,
     "a branch": Piecewise((a**2 / 2, x > 0), (0, True)) + b**2 / 2 + c**2 / 2 - x * y,
     "the larger": Max(x, y) * a**2 / 2 - Min(y, z) * b**2 / 2 + c**2 / 2 - x * y,
 }
