@@ -39,18 +39,6 @@ def test_the_laws_hold_to_the_default_tolerance(method: str, seed: int) -> None:
     assert not broken_laws(drawn.system, run, driven=drawn.driven, error=1e-8)
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize(("seed", "end"), [(51_010, 0.5), (52_018, 1.0)])
-def test_a_slip_that_was_an_error_of_the_state_is_at_rest(seed: int, end: float) -> None:
-    """A gap within the tolerance gave a slip that an impact stopped a wrong direction.
-
-    Friction then pushed along the slip, by 0.02 of the largest power.
-    """
-    drawn = random_system(seed)
-    run = drawn.system.run(end, method="dop853", rtol=1e-4).require()
-    assert not broken_laws(drawn.system, run, driven=drawn.driven, error=1e-3)
-
-
 @pytest.mark.slow
 def test_a_run_that_is_used_up_by_impacts_says_of_which() -> None:
     """One end of this rod loses nothing, the other does: they bounce in turn, every 1e-6. It advised radau5."""

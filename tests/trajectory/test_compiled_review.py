@@ -113,20 +113,6 @@ def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.Monk
         alike(first, second, 1e-7)
 
 
-def test_regular_steps_are_not_sampled_on_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A Poincare section over 1000 time units needs few calls of the search and misses no crossing."""
-    of, initial = systems()["Henon-Heiles"]
-    monkeypatch.setattr("lagrange.trajectory.events.step_batch.StepBatch.of", refuse)
-    reviews = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
-    result = run(of, 1000.0, "dop853", initial=initial, events=[event(y, direction=1), y], rtol=1e-9, atol=1e-9)
-    below = result.y[1] < 0
-    assert len(result.t_events[0]) == (below[:-1] & ~below[1:]).sum() > 100
-    assert len(result.t_events[1]) == (below[:-1] != below[1:]).sum()
-    assert np.abs(result.y_events[1][:, 1]).max() < 1e-14
-    # A burst is as long as the driver takes at once: from 64 steps on twice as many, however slow the machine is.
-    assert len(result.t) > 2000 and len(reviews) < 9
-
-
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["dop853", "verlet", "radau5", "gauss2"])
 def test_bounces_are_done_in_machine_code(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,10 +156,6 @@ def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
                     other.t_events, other.y_events, result[0].t_events, result[0].y_events, strict=True
                 ):
                     assert times.tolist() == right.tolist() and states.tolist() == there.tolist()
-
-
-def refuse(*arguments: Any, **named: Any) -> Any:
-    raise AssertionError("this is not to be called")
 
 
 def counted(monkeypatch: pytest.MonkeyPatch, name: str) -> list[None]:

@@ -14,15 +14,13 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
-from lagrange.machine.drivers import SeriesDriver
 from lagrange.machine.numpy_machine import NumpySeries
 from lagrange.machine.state import Outcome
-from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
-from tests.models import LLVM_FIRST, TARGETS, build, k, m, model, shared_scene, x, y
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, planned, run
+from tests.models import TARGETS, build, k, m, model, shared_scene, x, y
+from tests.trajectory.runs import FIXED, NAMES, planned, run
 
 
 def settings(name: str) -> dict[str, Any]:
@@ -120,21 +118,6 @@ def test_a_run_of_no_length(name: str, target: str) -> None:
 
 
 # --- time-dependent forces -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("target", LLVM_FIRST)
-@pytest.mark.parametrize("name", ADAPTIVE)
-def test_a_brief_force_is_not_stepped_over(name: str, target: str) -> None:
-    """A force acts for 0.1 s of 100 s on a mass at rest; a step of ten seconds would miss it."""
-    push = sp.Piecewise((1, (t > 50) & (t < sp.Rational(501, 10))), (0, True))
-    compiled = build(target, kinetic=x.dot**2 / 2, forces={x: push})
-    for start, end, expected in ((0.0, 100.0, [4.995, 0.1]), (100.0, 0.0, [4.995 + 0.01, -0.1])):
-        result = run(compiled, end, name, start=start)
-        assert result.y[:, -1] == pytest.approx(expected, abs=2e-2)
-        assert result.steps >= 1000
-        assert np.abs(np.diff(result.t)).max() == pytest.approx(0.1, rel=1e-9)
-    free = run(build(target, kinetic=x.dot**2 / 2, forces={x: sp.Integer(1)}), 100.0, name)
-    assert free.steps < 100
 
 
 # --- flow -----------------------------------------------------------------------------------------------------
@@ -331,17 +314,3 @@ def test_states_are_those_of_a_run(name: str, method: str, times: Any) -> None:
     np.testing.assert_array_equal(result, run.y)
     # A call for one time follows with the same driver.
     assert flow(start, 0.0, times[-1]) == pytest.approx(result[:, -1], abs=1e-12)
-
-
-def test_times_on_the_way_take_no_steps_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = shared_scene("kepler").compile(check=False)
-    flow, advance = lg.flow(model), SeriesDriver.advance
-    calls: list[int] = []
-
-    def counted(driver: Any, state: Any, budget: int, *rows: Any) -> Any:
-        calls.append(budget)
-        return advance(driver, state, budget, *rows)
-
-    monkeypatch.setattr(SeriesDriver, "advance", counted)
-    flow(np.array(model.statement.initial), 0.0, np.linspace(0.0, 1.0, 101))
-    assert len(calls) == 1

@@ -11,7 +11,7 @@ from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from tests.models import LLVM_FIRST, TARGETS, B, k, m, x, y, z
+from tests.models import LLVM_FIRST, B, k, m, x, y, z
 from tests.refusals import refusal
 
 METHODS = ("taylor", "dop853", "radau5")
@@ -94,21 +94,6 @@ def test_a_coordinate_in_a_potential_alone_is_still_refused() -> None:
 
 
 # --- states with a rate and no inertia: the rate is the force, and Rayleigh's function has half of its square ---
-
-e = lg.coordinate("e")
-
-
-def relaxation(**options: Any) -> lg.System:
-    return lg.System(kinetic=0, coordinates=[e], forces={e: 1 - e}, dissipation=e.dot**2 / 2, **options)
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
-def test_a_filter_relaxes(method: str, target: str) -> None:
-    solution = relaxation().run(2.0, method=method, target=target, rtol=1e-10)
-    # The tolerance of a step times the few steps of the run.
-    assert solution[e][-1] == pytest.approx(1 - np.exp(-2.0), abs=1e-8)
 
 
 def test_a_force_and_a_constraint_state_the_same_lorenz_system() -> None:

@@ -179,6 +179,8 @@ def test_instances_classes_and_factories_are_registered() -> None:
     compiled = model("oscillator")
     assert [run(compiled, 1.0, name).steps for name in ("tenth", "fifth")] == [10, 5]
     assert run(compiled, 1.0, "series").status.complete
+    with pytest.raises(StatementError, match=r"there is a method 'tenth' already: .* Pass replaces=True to replace it"):
+        register("tenth", heun, order=2)
     register("tenth", RK4(step=0.05), replaces=True)
     assert run(compiled, 1.0, "tenth").steps == 20
     assert run(compiled, 1.0, step_method(heun, order=2, step=0.25)).steps == 4
@@ -266,14 +268,6 @@ def test_what_cannot_be_registered_is_refused(name: Any, thing: Any, options: di
     with pytest.raises(lg.StatementError, match=words):
         register(name, thing, **options)
     assert "mine" not in names()
-
-
-def test_a_name_is_given_once() -> None:
-    register("mine", heun, order=2)
-    with pytest.raises(
-        lg.StatementError, match=r"there is a method 'mine' already: .* Pass replaces=True to replace it"
-    ):
-        register("mine", kicked, order=2)
 
 
 @pytest.mark.parametrize(

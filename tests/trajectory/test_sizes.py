@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 from itertools import pairwise
 from random import Random
 from typing import Any
@@ -11,41 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from sympy import cos, exp, sign, sin
+from sympy import cos, exp, sin
 
 import lagrange as lg
-from lagrange.machine.model import Model
 from lagrange.trajectory.sizes import entry_sizes, slopes_of
 from tests.trajectory.runs import ADAPTIVE
 
-x, y, z, a, b, c = lg.coordinates("x y z a b c")
+x, y = lg.coordinates("x y")
 t = lg.t
-
-
-@cache
-def compiled(build: Callable[..., lg.System], *arguments: float) -> Model:
-    """Return the compiled model of a system, compiled once for all methods."""
-    return build(*arguments).compile()
 
 
 def plain(*coordinates: Any) -> Any:
     return sum(q.dot**2 for q in coordinates) / 2
-
-
-def three_bodies(off: float) -> lg.System:
-    """Three bodies in a row that rotate about the middle one, on which forces cancel except for a small offset."""
-    apart = [((a, x), (b, y)), ((c, z), (b, y)), ((a, x), (c, z))]
-    potential = -sum(1 / sp.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2) for p, q in apart)
-    start = {a: 1.0, b: off, c: -1.0, x.dot: 1.1, z.dot: -1.1}
-    return lg.System(
-        kinetic=plain(a, b, c, x, y, z), potential=potential, coordinates=[a, b, c, x, y, z], initial=start
-    )
-
-
-def steps(model: Any, end: float, method: str, **options: Any) -> int:
-    result = lg.integrate(model, (0.0, end), {}, method=method, rtol=1e-6, max_steps=20_000, **options)
-    assert result.status is lg.Status.SUCCESS, result.message
-    return int(result.steps)
 
 
 @pytest.mark.few
@@ -56,14 +32,6 @@ def test_a_metre_and_a_nanometre_have_the_same_digits(method: str) -> None:
     pair = lg.System(kinetic=plain(x, y), potential=potential, coordinates=[x, y], initial={x: 2.0, y: 2 * small})
     result = lg.integrate(pair.compile(), (0.0, 20.0), {}, method=method, rtol=1e-6)
     assert result[y] / small == pytest.approx(result[x], abs=1e-12)
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("off", [0.0, 6e-17, 1e-13, 1e-10])
-@pytest.mark.parametrize("method", ADAPTIVE)
-def test_round_off_of_forces_that_cancel_does_not_shorten_steps(method: str, off: float) -> None:
-    model = compiled(three_bodies, off)
-    assert steps(model, 10.0, method) <= 1.5 * steps(model, 10.0, method, atol=1e-9) + 100
 
 
 PUSHES = {
@@ -174,15 +142,6 @@ def random_rods(random: Random) -> Case:
     return lg.System(kinetic, 9.81 * sum(ys), constraints=rods, initial=start), {**start, xs[-1].dot: 0.5}, 1.0
 
 
-def rough_floor() -> Case:
-    """A block on an incline with friction by the multiplier: y stays zero."""
-    x, y = lg.coordinates("x y")
-    weight = 9.81 * (y * cos(0.6) - x * sin(0.6))
-    friction = {x: -0.2 * lg.multiplier("floor") * sign(x.dot)}
-    kinetic = x.dot**2 + y.dot**2
-    return lg.System(kinetic, 2 * weight, constraints={"floor": y}, forces=friction), {x.dot: 1.5}, 2.0
-
-
 def steps_by_default(case: Case, method: str) -> tuple[int, int]:
     """Return the numbers of trial steps of a default run, and of a run with an absolute tolerance for the displacement.
 
@@ -235,12 +194,6 @@ def test_constraints_have_the_noise_of_what_they_cancel(seed: int, method: str, 
     """taylor took up to 27 times as many steps, because the noise of G a = -gamma was ignored."""
     tries, fewest = steps_by_default(random_rods(Random(seed)), method)
     assert tries <= most * fewest + 2
-
-
-def test_a_coordinate_that_a_constraint_holds_at_zero_takes_no_steps() -> None:
-    """A run took 489 steps for a coordinate that is constant."""
-    tries, fewest = steps_by_default(rough_floor(), "taylor")
-    assert tries <= fewest + 2
 
 
 def test_the_message_names_the_entry_that_limits_the_step() -> None:

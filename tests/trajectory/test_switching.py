@@ -101,13 +101,6 @@ def test_chattering_is_said() -> None:
     assert "jump where x + x_dot is zero" in result.message
 
 
-def test_a_surface_that_is_only_touched() -> None:
-    """On a belt of speed 1 the mass moves as 1 - cos t: it reaches the speed of the belt and turns back."""
-    result = go(particle(x**2 / 2, -sign(x.dot - 1)), 20.0)
-    assert result.status is Status.SUCCESS
-    assert result.y[:, -1] == pytest.approx([1 - math.cos(20), math.sin(20)], abs=1e-8)
-
-
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_flow_knows_the_sides(target: str) -> None:
     """A flow determines the sides of surfaces, also if it never comes near one."""

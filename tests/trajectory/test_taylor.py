@@ -42,17 +42,6 @@ def test_the_error_is_what_was_asked_for(name: str, end: float, target: str) -> 
         assert np.abs(result.y[:, -1] - expected).max() < 20 * max(rtol, 2e-15) * size, rtol
 
 
-@pytest.mark.few(2)
-@pytest.mark.parametrize("order", range(4, 33, 4))
-def test_an_order_of_ones_own(order: int) -> None:
-    compiled, method = model("Kepler orbit"), Taylor(rtol=1e-10, atol=1e-10, order=order)
-    assert method.claims.order == order
-    result = run(compiled, 1.5, method)
-    assert np.abs(result.y[:, -1] - truth("Kepler orbit", 1.5)).max() < 2e-9
-    higher = run(compiled, 1.5, Taylor(rtol=1e-10, atol=1e-10, order=order + 1))
-    assert higher.steps <= result.steps
-
-
 def test_a_system_in_loops() -> None:
     """A chain in seven relative angles has a full mass matrix, which is inverted at each step."""
     given = relative(7)
