@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
 import sympy
 from sympy import cos, sin
@@ -49,13 +48,6 @@ def test_tension_of_the_rod_as_in_the_book() -> None:
     assert str(derivation.accelerations[x]).startswith("(g*y(t) - Derivative(x(t), t)**2")
 
 
-def test_a_force_and_a_constraint_stand_side_by_side() -> None:
-    stated = declare(**PENDULUM, forces={x: sin(lg.t)}, dissipation=a * y.dot**2 / 2)
-    first, second = derive(stated).equations
-    assert (first.lhs, first.rhs) == (m * x.ddot, sin(lg.t) + 2 * rod * x)
-    assert (second.lhs, second.rhs) == (m * y.ddot + a * y.dot + m * g, 2 * rod * y)
-
-
 def test_rolling_needs_no_more_than_the_disc_turns() -> None:
     derivation = derive(declare(**DISC))
     rights = [law.rhs for law in derivation.equations]
@@ -84,27 +76,6 @@ def test_forces_of_a_constraint_that_is_not_linear_follow_chetaev() -> None:
 def test_a_coordinate_without_inertia_that_a_constraint_holds_is_solved_for() -> None:
     derivation = derive(declare(kinetic=m * x.dot**2 / 2, coordinates=[x, y], constraints={"tie": y - 2 * x}))
     assert derivation.accelerations == {x: 0, y: 0}
-
-
-@pytest.mark.parametrize("stated", [PENDULUM, DISC], ids=["pendulum", "disc"])
-def test_formulas_agree_with_the_compiled_system(stated: dict[str, Any]) -> None:
-    system = lg.System(**stated, parameters={m: 1.3, g: 9.7, l: 0.8, R: 0.4, I: 0.9, J: 1.7})
-    n = len(system.coordinates)
-    q, v = np.random.default_rng(3).uniform(0.3, 1.4, (2, n))
-    model = system.compile()
-    derivation = system.derivation()
-    state = np.concatenate([q, v])[:, None]
-    for formulas, numbers in (
-        (derivation.accelerations, model.accelerations(q, v)),
-        (derivation.multipliers, model.multipliers(q, v)),
-    ):
-        result = [model.evaluate_expression(formula, [0.0], state)[0] for formula in formulas.values()]
-        np.testing.assert_allclose(result, numbers, rtol=1e-12, atol=1e-13)  # some ten roundings of numbers near 1
-    forces = [
-        [model.evaluate_expression(force, [0.0], state)[0] for force in row.values()]
-        for row in system.constraint_forces.values()
-    ]
-    np.testing.assert_allclose(forces, model.evaluate("constraint_forces", q, v), rtol=1e-12, atol=1e-13)
 
 
 def test_multipliers_are_refused_with_the_accelerations_where_they_are_too_large(

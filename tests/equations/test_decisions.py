@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 from typing import Any
 
 import pytest
@@ -168,10 +166,3 @@ def test_card_and_plot_say_what_was_found() -> None:
     run = wall.run(1.0)
     assert "(not found to be conserved)" in repr(run) and run.card()["energy"]["conserved"] is None
     assert run.plot().axes[2].get_title(loc="left") == "energy (not found to be conserved)"
-
-
-def test_findings_that_were_decided_are_copied() -> None:
-    parts, _ = STATED_BY_POSITIONS["hoop"]
-    structure = found(**parts)
-    sentences = structure.sentences()
-    assert pickle.loads(pickle.dumps(structure)).sentences() == copy.deepcopy(structure).sentences() == sentences

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sympy import Max, Min, Rational, Symbol, cos, exp, sin, sqrt
 
 from lagrange.equations.collect import SumWriter
-from lagrange.equations.solve_plan import NestedCofactors, coupled_blocks, vanishes
+from lagrange.equations.solve_plan import NestedCofactors, vanishes
 from lagrange.equations.terms import Algebra, TooLargeError, common_factor, differentiable
 from tests.covering import examples
 
@@ -105,12 +105,6 @@ def test_wide_products_stay_products() -> None:
     width = sympy.Add(*(sin(i * x) for i in range(50)))
     algebra = Algebra(10_000)
     assert len(algebra.read(width * width.subs(x, y) * (1 + a))) == 1
-
-
-def test_blocks() -> None:
-    full = [[True, False, True], [False, True, False], [True, False, True]]
-    assert coupled_blocks(full) == [[0, 2], [1]]
-    assert coupled_blocks([[False] * 2] * 2) == [[0], [1]]
 
 
 def test_nested_cofactors_solve_and_know_when_to_stop() -> None:

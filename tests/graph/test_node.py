@@ -372,15 +372,13 @@ def test_what_has_no_value(value: int) -> None:
 # --- share ----------------------------------------------------------------------------------------------------
 # Sums in terms of the sums they contain: the same values, and a chain of links becomes linear in its length.
 
-POINT = {"m": "1.7", "x": "0.31", "y": "-0.83", "u": "1.21"}
-
 
 @given(st.lists(expressions(), min_size=1, max_size=3))
 def test_values_are_kept(forms: list[Forms]) -> None:
     graph, symbols = new_graph()
     nodes = [form.node(graph, symbols) for form in forms]
     with mpmath.workdps(50):
-        at = {symbols[name]: mpmath.mpf(text) for name, text in POINT.items()}
+        at = {symbols[name]: mpmath.mpf(text) for name, text in POINTS[0].items()}
         for new, old in zip(share_sums(graph, nodes), nodes, strict=True):
             expected = evaluate(old, at)
             assert abs(evaluate(new, at) - expected) <= mpmath.mpf(10) ** -25 * (1 + abs(expected))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import mpmath
@@ -12,136 +13,93 @@ import sympy as sp
 from hypothesis import strategies as st
 
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
+from tests.operations import operations
 
 SYMBOLS = {name: sp.Symbol(name, real=True) for name in ("m", "x", "y", "u")}
 BINDINGS = {"m": Binding.PARAMETER, "x": Binding.CONFIGURATION, "y": Binding.CONFIGURATION, "u": Binding.VELOCITY}
 
 
 @dataclass(frozen=True)
-class Forms:
-    """One expression, as functions that build it as a node or in SymPy, or compute it."""
+class Library:
+    """One form of expressions: its numbers, and its functions by name, such as `library.sin(x)`."""
 
-    node: Callable[[Graph, Mapping[str, Node]], Node]
-    sympy: Callable[[], Any]
-    value: Callable[[Mapping[str, Any]], Any]
+    number: Callable[[Fraction], Any]
+    call: Callable[..., Any]
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        return partial(self.call, name)
+
+
+@dataclass(frozen=True)
+class Forms:
+    """One expression, which a library builds from its leaves."""
+
+    build: Callable[[Library, Mapping[str, Any]], Any]
+
+    def node(self, graph: Graph, leaves: Mapping[str, Node]) -> Node:
+        def call(name: str, *args: Node) -> Node:
+            return graph.piecewise([(args[0], args[1])], args[2]) if name == "piecewise" else graph.call(name, *args)
+
+        node: Node = self.build(Library(graph.constant, call), leaves)
+        return node
+
+    def sympy(self) -> Any:
+        return self.build(SYMPY, SYMBOLS)
+
+    def value(self, at: Mapping[str, Any]) -> Any:
+        return self.build(MPMATH, at)
 
 
 @dataclass(frozen=True)
 class Operation:
-    """One operation on expressions, in the three forms."""
+    """One operation on expressions: (library, *arguments) -> expression."""
 
     arity: int
-    node: Callable[..., Node]
-    sympy: Callable[..., Any]
-    value: Callable[..., Any]
+    build: Callable[..., Any]
 
 
 def constant(value: Fraction) -> Forms:
-    return Forms(
-        lambda graph, leaves: graph.constant(value),
-        lambda: sp.Rational(value.numerator, value.denominator),
-        lambda at: mpmath.mpf(value.numerator) / value.denominator,
-    )
+    return Forms(lambda library, leaves: library.number(value))
 
 
 def leaf(name: str) -> Forms:
-    return Forms(lambda graph, leaves: leaves[name], lambda: SYMBOLS[name], lambda at: at[name])
+    return Forms(lambda library, leaves: leaves[name])
 
 
 def combined(operation: Operation, *args: Forms) -> Forms:
-    return Forms(
-        lambda graph, leaves: operation.node(*(arg.node(graph, leaves) for arg in args)),
-        lambda: operation.sympy(*(arg.sympy() for arg in args)),
-        lambda at: operation.value(*(arg.value(at) for arg in args)),
-    )
-
-
-def function(arity: int, name: str, build: Callable[..., Any], value: Callable[..., Any]) -> Operation:
-    return Operation(arity, lambda *args: args[0].graph.call(name, *args), build, value)
-
-
-def _power(exponent: Fraction) -> Operation:
-    rational = sp.Rational(exponent.numerator, exponent.denominator)
-    return Operation(
-        1, lambda a: (1 + a * a) ** exponent, lambda a: (1 + a**2) ** rational, lambda a: (1 + a * a) ** _mp(exponent)
-    )
-
-
-def _choice(a: Node, b: Node) -> Node:
-    return a.graph.piecewise([(a.graph.call("less", a, b), a * b)], a - b)
+    return Forms(lambda library, leaves: operation.build(library, *(arg.build(library, leaves) for arg in args)))
 
 
 SMOOTH = (
-    Operation(2, lambda a, b: a + b, lambda a, b: a + b, lambda a, b: a + b),
-    Operation(2, lambda a, b: a - b, lambda a, b: a - b, lambda a, b: a - b),
-    Operation(2, lambda a, b: a * b, lambda a, b: a * b, lambda a, b: a * b),
-    Operation(2, lambda a, b: a / (2 + b * b), lambda a, b: a / (2 + b**2), lambda a, b: a / (2 + b * b)),
-    Operation(1, lambda a: a**2, lambda a: a**2, lambda a: a**2),
-    Operation(1, lambda a: a**3, lambda a: a**3, lambda a: a**3),
-    Operation(1, lambda a: -a, lambda a: -a, lambda a: -a),
-    *(_power(Fraction(*pair)) for pair in ((1, 2), (-1, 2), (3, 2), (-1, 1), (1, 3), (-5, 2))),
-    function(1, "sin", sp.sin, mpmath.sin),
-    function(1, "cos", sp.cos, mpmath.cos),
-    function(1, "atan", sp.atan, mpmath.atan),
-    function(1, "tanh", sp.tanh, mpmath.tanh),
-    function(1, "asinh", sp.asinh, mpmath.asinh),
-    function(1, "erf", sp.erf, mpmath.erf),
-    Operation(
-        1,
-        lambda a: a.graph.call("atanh", a.graph.call("sin", a) / 2),
-        lambda a: sp.atanh(sp.sin(a) / 2),
-        lambda a: mpmath.atanh(mpmath.sin(a) / 2),
+    Operation(2, lambda f, a, b: a + b),
+    Operation(2, lambda f, a, b: a - b),
+    Operation(2, lambda f, a, b: a * b),
+    Operation(2, lambda f, a, b: a / (2 + b * b)),
+    Operation(1, lambda f, a: a**2),
+    Operation(1, lambda f, a: a**3),
+    Operation(1, lambda f, a: -a),
+    *(
+        Operation(1, lambda f, a, e=Fraction(*pair): (1 + a * a) ** f.number(e))
+        for pair in ((1, 2), (-1, 2), (3, 2), (-1, 1), (1, 3), (-5, 2))
     ),
-    Operation(
-        1, lambda a: a.graph.call("acosh", 2 + a * a), lambda a: sp.acosh(2 + a**2), lambda a: mpmath.acosh(2 + a * a)
-    ),
-    Operation(
-        1,
-        lambda a: a.graph.call("exp", a.graph.call("sin", a)),
-        lambda a: sp.exp(sp.sin(a)),
-        lambda a: mpmath.exp(mpmath.sin(a)),
-    ),
-    Operation(1, lambda a: a.graph.call("log", 1 + a * a), lambda a: sp.log(1 + a**2), lambda a: mpmath.log(1 + a * a)),
-    Operation(
-        1,
-        lambda a: a.graph.call("asin", a.graph.call("sin", a) / 2),
-        lambda a: sp.asin(sp.sin(a) / 2),
-        lambda a: mpmath.asin(mpmath.sin(a) / 2),
-    ),
-    Operation(
-        1,
-        lambda a: a.graph.call("acos", a.graph.call("tanh", a) / 2),
-        lambda a: sp.acos(sp.tanh(a) / 2),
-        lambda a: mpmath.acos(mpmath.tanh(a) / 2),
-    ),
-    Operation(
-        2,
-        lambda a, b: a.graph.call("atan2", a, 1 + b * b),
-        lambda a, b: sp.atan2(a, 1 + b**2),
-        lambda a, b: mpmath.atan2(a, 1 + b * b),
-    ),
-    Operation(
-        2,
-        lambda a, b: (1 + a * a) ** a.graph.call("sin", b),
-        lambda a, b: (1 + a**2) ** sp.sin(b),
-        lambda a, b: (1 + a * a) ** mpmath.sin(b),
-    ),
+    *(Operation(1, lambda f, a, name=name: f.call(name, a)) for name in ("sin", "cos", "atan", "tanh", "asinh", "erf")),
+    Operation(1, lambda f, a: f.atanh(f.sin(a) / 2)),
+    Operation(1, lambda f, a: f.acosh(2 + a * a)),
+    Operation(1, lambda f, a: f.exp(f.sin(a))),
+    Operation(1, lambda f, a: f.log(1 + a * a)),
+    Operation(1, lambda f, a: f.asin(f.sin(a) / 2)),
+    Operation(1, lambda f, a: f.acos(f.tanh(a) / 2)),
+    Operation(2, lambda f, a, b: f.atan2(a, 1 + b * b)),
+    Operation(2, lambda f, a, b: (1 + a * a) ** f.sin(b)),
 )
 
 KINKED = (
-    function(1, "abs", sp.Abs, abs),
-    function(2, "min", lambda a, b: sp.Min(a, b, evaluate=False), min),
-    function(2, "max", lambda a, b: sp.Max(a, b, evaluate=False), max),
+    Operation(1, lambda f, a: f.abs(a)),
+    Operation(2, lambda f, a, b: f.min(a, b)),
+    Operation(2, lambda f, a, b: f.max(a, b)),
 )
 
-CHOICES = (
-    Operation(
-        2,
-        _choice,
-        lambda a, b: sp.Piecewise((a * b, sp.StrictLessThan(a, b, evaluate=False)), (a - b, True), evaluate=False),
-        lambda a, b: a * b if a < b else a - b,
-    ),
-)
+CHOICES = (Operation(2, lambda f, a, b: f.piecewise(f.less(a, b), a * b, a - b)),)
 """Apart, because SymPy's own Piecewise breaks on constants in a condition."""
 
 
@@ -220,21 +178,18 @@ def _piecewise(*args: Any) -> Any:
     return args[-1]
 
 
-FUNCTIONS: dict[str, Callable[..., Any]] = {
-    **{name: getattr(mpmath, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log")},
-    **{name: getattr(mpmath, name) for name in ("sinh", "cosh", "tanh", "sign", "asinh", "acosh", "atanh", "erf")},
-    "abs": abs,
-    "min": min,
-    "max": max,
+FUNCTIONS: dict[str, Callable[..., Any]] = operations(mpmath) | {
     "pow": mpmath.power,
     "pi": lambda: +mpmath.pi,
     "e": lambda: +mpmath.e,
     "nan": lambda: mpmath.nan,
-    "less": lambda a, b: a < b,
-    "less_equal": lambda a, b: a <= b,
-    "equal": lambda a, b: a == b,
-    "and": lambda a, b: a and b,
-    "or": lambda a, b: a or b,
-    "not": lambda a: not a,
     "piecewise": _piecewise,
 }
+KEPT = {name: partial(build, evaluate=False) for name, build in (("min", sp.Min), ("max", sp.Max), ("less", sp.Lt))}
+SPELLED = {"abs": sp.Abs, "piecewise": lambda c, a, b: sp.Piecewise((a, c), (b, True), evaluate=False)} | KEPT
+
+MPMATH = Library(_mp, lambda name, *args: FUNCTIONS[name](*args))
+SYMPY = Library(
+    lambda x: sp.Rational(x.numerator, x.denominator),
+    lambda name, *args: (SPELLED.get(name) or getattr(sp, name))(*args),
+)
