@@ -10,140 +10,11 @@ import sympy as sp
 import lagrange as lg
 from tests.models import shared_scene
 
-
-@cache
-def oscillator() -> lg.System:
-    x, (m, k, c, g, F, w) = lg.coordinate("x"), lg.parameters("m k c g F w")
-    return lg.System(
-        m * x.dot**2 / 2, k * x**2 / 2 - m * g * x, forces={x: F * sp.cos(w * lg.t)}, dissipation=c * x.dot**2 / 2
-    )
-
-
-@cache
-def morse() -> lg.System:
-    r, (m, D, a) = lg.coordinate("r"), lg.parameters("m D a")
-    return lg.System(m * r.dot**2 / 2, D * (1 - sp.exp(-a * r)) ** 2)
-
-
-@cache
-def orbit() -> lg.System:
-    r, phi = lg.coordinates("r phi")
-    m, M, g = lg.parameters("m M g")
-    return lg.System((m + M) * r.dot**2 / 2 + m * r**2 * phi.dot**2 / 2, M * g * r)
-
-
-@cache
-def wedge() -> lg.System:
-    X, s = lg.coordinates("X s")
-    m, M, g, a = lg.parameters("m M g a")
-    return lg.System((M + m) * X.dot**2 / 2 + m * s.dot**2 / 2 + m * X.dot * s.dot * sp.cos(a), -m * g * s * sp.sin(a))
-
-
-@cache
-def chain() -> lg.System:
-    x1, x2, x3 = lg.coordinates("x1 x2 x3")
-    m, M, k, b = lg.parameters("m M k b")
-    springs = k * ((x2 - x1 - b) ** 2 + (x3 - x2 - b) ** 2) / 2
-    return lg.System(m * (x1.dot**2 + x3.dot**2) / 2 + M * x2.dot**2 / 2, springs)
-
-
-@cache
-def top() -> lg.System:
-    phi, theta, psi = lg.coordinates("phi theta psi")
-    I1, I3 = lg.parameters("I1 I3")
-    spin = psi.dot + phi.dot * sp.cos(theta)
-    return lg.System(I1 * (theta.dot**2 + phi.dot**2 * sp.sin(theta) ** 2) / 2 + I3 * spin**2 / 2, 0)
-
-
-@cache
-def cart() -> lg.System:
-    x, theta = lg.coordinates("x theta")
-    M, m, l, g = lg.parameters("M m l g")
-    bob = (x + l * sp.sin(theta), -l * sp.cos(theta))
-    return lg.System(M * x.dot**2 / 2 + lg.kinetic_energy(m, bob), lg.gravity(m, bob, g))
-
-
-@cache
-def driven() -> lg.System:
-    theta, (m, l, g, A, gamma) = lg.coordinate("theta"), lg.parameters("m l g A gamma")
-    return lg.System(m * l**2 * theta.dot**2 / 2, -m * l * (g + A * sp.sin(theta - gamma * lg.t)) * sp.cos(theta))
-
-
-@cache
-def table() -> lg.System:
-    x, y = lg.coordinates("x y")
-    m, g, mu = lg.parameters("m g mu")
-    friction = -mu * m * g * sp.sign(x.dot)
-    kinetic = m * (x.dot**2 + y.dot**2) / 2
-    return lg.System(kinetic, m * g * y, constraints={"table": y}, forces={x: friction})
-
-
-@cache
-def rolling() -> lg.System:
-    s, phi = lg.coordinates("s phi")
-    m, inertia, R, g, a = lg.parameters("m I R g alpha")
-    kinetic = m * s.dot**2 / 2 + inertia * phi.dot**2 / 2
-    return lg.System(kinetic, -m * g * s * sp.sin(a), constraints={"rolling": s - R * phi})
-
-
-@cache
-def strung() -> lg.System:
-    x, y = lg.coordinates("x y")
-    m1, m2, g, L = lg.parameters("m1 m2 g L")
-    return lg.System(m1 * x.dot**2 / 2 + m2 * y.dot**2 / 2, -m1 * g * x - m2 * g * y, constraints={"string": x + y - L})
-
-
-@cache
-def spun() -> lg.System:
-    J1, J2, J3 = lg.parameters("J1 J2 J3")
-    x, y, z = lg.rotation("R").body
-    return lg.System((J1 * x**2 + J2 * y**2 + J3 * z**2) / 2, 0)
-
-
-@cache
-def rod() -> lg.System:
-    x, y = lg.coordinates("x y")
-    m, g, l = lg.parameters("m g l")
-    return lg.System(m * (x.dot**2 + y.dot**2) / 2, m * g * y, constraints={"rod": x**2 + y**2 - l**2})
-
-
-@cache
-def pulley() -> lg.System:
-    x, (m1, m2, inertia, R, g) = lg.coordinate("x"), lg.parameters("m1 m2 I R g")
-    return lg.System((m1 + m2 + inertia / R**2) * x.dot**2 / 2, -(m1 - m2) * g * x)
-
-
-@cache
-def coupled() -> lg.System:
-    x1, x2 = lg.coordinates("x1 x2")
-    m1, m2, k, kappa = lg.parameters("m1 m2 k kappa")
-    springs = k * (x1**2 + x2**2) / 2 + kappa * (x2 - x1) ** 2 / 2
-    return lg.System(m1 * x1.dot**2 / 2 + m2 * x2.dot**2 / 2, springs)
-
-
-@cache
-def disc() -> lg.System:
-    s, phi = lg.coordinates("s phi")
-    m, inertia, R, g = lg.parameters("m I R g")
-    kinetic = m * s.dot**2 / 2 + inertia * phi.dot**2 / 2
-    return lg.System(kinetic, -m * g * s, constraints={"roll": s.dot - R * phi.dot})
-
-
-@cache
-def yoyo() -> lg.System:
-    y, (m, inertia, R, g) = lg.coordinate("y"), lg.parameters("m I R g")
-    return lg.System((m + inertia / R**2) * y.dot**2 / 2, -m * g * y)
-
-
-@cache
-def bowl() -> lg.System:
-    theta, (m, R, r, g) = lg.coordinate("theta"), lg.parameters("m R r g")
-    return lg.System(sp.Rational(3, 4) * m * (R - r) ** 2 * theta.dot**2, -m * g * (R - r) * sp.cos(theta))
-
-
 m, g, l, M, k, R, F, c, m1, m2, l1, l2, omega, Omega, alpha, a, b, beta, gamma, I1, I3, r0, L0, ma, mb, mu = (
     lg.parameters("m g l M k R F c m1 m2 l1 l2 omega Omega alpha a b beta gamma I1 I3 r_0 L_0 m_A m_B mu")
 )
+inertia, w, kappa, D, A, L, J1, J2, J3, r_ = lg.parameters("I w kappa D A L J1 J2 J3 r")
+x1, x2, X = lg.coordinates("x1 x2 X")
 theta, phi, psi, x, y, z, r, s, theta1, theta2, rho, th1, th2, q1, q2, xa, xb = lg.coordinates(
     "theta phi psi x y z r s theta1 theta2 rho theta_1 theta_2 q1 q2 x_A x_B"
 )
@@ -159,9 +30,36 @@ turning = half * m * ((x.dot - omega * y) ** 2 + (y.dot + omega * x) ** 2) - k *
 swinging = half * m * (r.dot**2 + r**2 * theta.dot**2)
 speed = sp.sqrt(x.dot**2 + y.dot**2)
 stretched = lg.spring(k, (r * cos(theta), r * sin(theta)), None, l)
+rolled = half * m * s.dot**2 + half * inertia * phi.dot**2
+body = lg.rotation("R").body
 swaying = a * cos(omega * lg.t) + l * sin(theta), -l * cos(theta)
 
 TYPED: dict[str, Callable[[], lg.System]] = {
+    "oscillator": lambda: lg.System(
+        half * m * x.dot**2,
+        k * x**2 / 2 - m * g * x,
+        forces={x: F * cos(w * lg.t)},
+        dissipation=c * x.dot**2 / 2,
+    ),
+    "morse": lambda: lg.System(half * m * r.dot**2, D * (1 - sp.exp(-a * r)) ** 2),
+    "orbit": lambda: lg.System(half * (m + M) * r.dot**2 + half * m * r**2 * phi.dot**2, M * g * r),
+    "slope": lambda: lg.System(
+        half * (M + m) * X.dot**2 + half * m * s.dot**2 + m * X.dot * s.dot * cos(a), -m * g * s * sin(a)
+    ),
+    "cart": lambda: lg.System(K(M, x) + K(m, (x + l * sin(theta), -l * cos(theta))), -m * g * l * cos(theta)),
+    "driven": lambda: lg.System(
+        half * m * l**2 * theta.dot**2, -m * l * (g + A * sin(theta - gamma * lg.t)) * cos(theta)
+    ),
+    "floor": lambda: lg.System(plane, m * g * y, constraints={"table": y}, forces={x: -mu * m * g * sp.sign(x.dot)}),
+    "rolling": lambda: lg.System(rolled, -m * g * s * sin(alpha), constraints={"rolling": s - R * phi}),
+    "disc": lambda: lg.System(rolled, -m * g * s, constraints={"roll": s.dot - R * phi.dot}),
+    "strung": lambda: lg.System(K(m1, x) + K(m2, y), -m1 * g * x - m2 * g * y, constraints={"string": x + y - L}),
+    "spun": lambda: lg.System(half * (J1 * body[0] ** 2 + J2 * body[1] ** 2 + J3 * body[2] ** 2)),
+    "rod": lambda: lg.System(plane, m * g * y, constraints={"rod": x**2 + y**2 - l**2}),
+    "pulley": lambda: lg.System(half * (m1 + m2 + inertia / R**2) * x.dot**2, -(m1 - m2) * g * x),
+    "yoyo": lambda: lg.System(half * (m + inertia / R**2) * y.dot**2, -m * g * y),
+    "coupled": lambda: lg.System(K(m1, x1) + K(m2, x2), k * (x1**2 + x2**2) / 2 + kappa * (x2 - x1) ** 2 / 2),
+    "bowl": lambda: lg.System(sp.Rational(3, 4) * m * (R - r_) ** 2 * theta.dot**2, -m * g * (R - r_) * cos(theta)),
     "pendulum": lambda: lg.System(*bob),
     "damped": lambda: lg.System(*bob, dissipation=b * theta.dot**2 / 2),
     "cartesian": lambda: lg.System(plane, m * g * y, constraints={"rod": x**2 + y**2 - l**2}),
@@ -212,6 +110,6 @@ TYPED: dict[str, Callable[[], lg.System]] = {
 
 @cache
 def answered(name: str) -> lg.System:
-    """Return the system of an answer: `scene:name`, `typed:name`, or a function of this file."""
+    """Return the system of an answer: `scene:name`, or a name in the table of this file, also as `typed:name`."""
     kind, _, rest = name.rpartition(":")
-    return shared_scene(rest) if kind == "scene" else TYPED[rest]() if kind else globals()[name]()
+    return shared_scene(rest) if kind == "scene" else TYPED[rest]()

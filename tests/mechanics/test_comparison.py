@@ -94,16 +94,6 @@ def test_the_counterexample_is_one() -> None:
     assert "differ by" not in result.message
 
 
-def test_a_term_that_stands_for_another_is_named_with_it() -> None:
-    first, second = rows("double-pendulum")
-    v = sp.Symbol("theta1_dot", real=True)
-    result = shared_scene("double-pendulum").compare([first, second.subs(v**2, v)])
-    assert (
-        " the term -m2*l1*l2*theta1_dot*sin(theta1 - theta2) is wrong: it should be -m2*l1*l2*theta1_dot**2*sin("
-        in str(result)
-    )
-
-
 def test_all_wrong_equations_are_told() -> None:
     first, second = rows("double-pendulum")
     result = shared_scene("double-pendulum").compare([first + 1, second - 1])
@@ -185,23 +175,14 @@ def test_numbers_that_doubles_do_not_resolve_are_no_rounded_numbers(number: Any)
     [
         ([], "no equation is given: give a list with one for each coordinate."),
         (["heaviside(theta_ddot) = 1"], "equation 1 is not linear in theta_ddot: equations of motion are compared"),
-        (["theta_ddot**2 = 1"], "equation 1 is not linear in theta_ddot: equations of motion are compared as linear"),
         (
             ["k*theta_ddot"],
             "equation 1, column 1: 'k' is not a symbol of this system. The symbols are theta, m, g and l, with",
         ),
         ([lg.coordinate("phi").ddot], "'phi' is not a coordinate of this system; they are theta."),
-        ([sp.Symbol("k") * sp.sin(1)], "equation 1 contains 'k', which this system does not have; its symbols are"),
-        ({"phi": "theta_ddot"}, "'phi' is not a coordinate of this system; they are theta."),
         (["g = g = g"], "equation 1, column 7: there are 2 signs of equality: write one equation with two sides."),
-        (["theta_ddot + (g = 0"], "equation 1, column"),
-        (
-            "m max(theta'', 0) = -g",
-            "equation 1 is not linear in theta_ddot: equations of motion are compared as linear",
-        ),
         ("abs(theta'') = -g", "equation 1 is not linear in theta_ddot"),
         ("d/dt(heaviside(theta)) = g", "equation 1 has the derivative of a jump, such as heaviside"),
-        (["__import__('os')"], "equation 1"),
         ([True], "equation 1 is True, the value of == in Python: write sympy.Eq(left, right)."),
         (
             [lg.multiplier("rod")],
@@ -218,13 +199,6 @@ def test_numbers_that_doubles_do_not_resolve_are_no_rounded_numbers(number: Any)
 )
 def test_refusals(given: Any, message: str) -> None:
     assert refusal(shared_scene("pendulum").compare, given).startswith(message)
-
-
-def test_files_are_refused_by_line() -> None:
-    with pytest.raises(StatementError, match=r"^line 3, column 1: 'c' is not a symbol of this system"):
-        shared_scene("pendulum").compare("theta_ddot + g/l*sin(theta)\n\nc*theta_dot = 0\n")
-    with pytest.raises(StatementError, match=r"^there is no equation: write one equation per line"):
-        shared_scene("pendulum").compare("# nothing\n")
 
 
 def test_a_name_in_letters_of_other_alphabets_is_named_whole() -> None:

@@ -11,7 +11,6 @@ from sympy import Matrix, Rational, cos, sin
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.plain_form import numeric
 from tests.mechanics.bicycle import STRAIGHT, bicycle, speed
 from tests.refusals import refusal
@@ -23,15 +22,9 @@ PUBLISHED: dict[float, list[Any]] = {
     # Weave (real and imaginary part), capsize, castering, by speed; J. P. Meijaard, J. M. Papadopoulos, A. Ruina,
     # A. L. Schwab, Linearized dynamics equations for the balance and steer of a bicycle, Proc. R. Soc. A 463, 2007.
     0: [5.53094371765393, 3.13164324790656, -3.13164324790656, -5.53094371765393],
-    1: [3.52696170990070 + 0.80774027519930j, -3.13423125066578, -7.11008014637442],
-    2: [2.68234517512745 + 1.68066296590675j, -3.07158645641514, -8.67387984831735],
     3: [1.70675605663975 + 2.31582447384325j, -2.63366137253667, -10.35101467245920],
-    4: [0.41325331521125 + 3.07910818603206j, -1.42944427361326, -12.15861426576447],
     5: [-0.77534188219585 + 4.46486771378823j, -0.32286642900409, -14.07838969279822],
-    6: [-1.52644486584142 + 5.87673060598709j, -0.00406690076970, -16.08537123098026],
-    7: [-2.13875644258362 + 7.19525913329805j, 0.10268170574766, -18.15788466125262],
     8: [-2.69348683581097 + 8.46037971396931j, 0.14327879765713, -20.27940894394569],
-    9: [-3.21675402252485 + 9.69377351531791j, 0.15790184030917, -22.43788559040858],
     10: [-3.72016840437287 + 10.90681139476287j, 0.16105338653172, -24.62459635017404],
 }
 
@@ -129,27 +122,6 @@ def test_the_matrix_is_the_slope_of_the_motion_on_the_constraints(seed: int) -> 
     difference = np.array(columns).T - numeric(lin.A, {g: 2})
     # Fourth-order differences with steps of 1e-4 leave rounding, 1e-16/1e-4 times a few.
     assert np.abs(difference).max() <= 1e-9 * np.abs(columns).max()
-
-
-def test_a_bead_that_is_carried_by_a_slope_has_rates_of_the_basis() -> None:
-    """A bead moves on the wire y = k x^2: v' = -2 k x (g + 2 k v^2)/(1 + 4 k^2 x^2), linearized in x and v."""
-    wire = lg.System(
-        m * (x.dot**2 + y.dot**2) / 2,
-        m * g * y,
-        coordinates=[y, x],
-        constraints={"wire": y - k * x**2},
-        parameters={m: 1, g: 9.81, k: 0.8},
-    )
-    slope = 2 * k * x
-    speed_here = sympy.Symbol("v")
-    place = sympy.Symbol("x")
-    force = -2 * k * place * (g + 2 * k * speed_here**2) / (1 + 4 * k**2 * place**2)
-    table = {place: Rational(1, 2), speed_here: Rational(1, 3)}
-    lin: Linearization = wire.linearize(
-        {x: table[place], y: k / 4, x.dot: table[speed_here], y.dot: slope.subs(x, table[place]) * table[speed_here]}
-    )
-    expected = [force.diff(s).subs(table) for s in (place, speed_here)]
-    assert [sympy.simplify(a - b) for a, b in zip(lin.A[1, :], expected, strict=True)] == [0, 0]
 
 
 @pytest.mark.slow

@@ -140,20 +140,6 @@ def test_decimals_are_taken_as_they_are_written() -> None:
     assert slow.linearize({x: -10 * k / 11}).C[0, 0] == pytest.approx(0.246)
 
 
-@pytest.mark.slow
-def test_what_is_not_solved_in_symbols_is_searched() -> None:
-    result = lg.System(
-        m * x.dot**2 / 2, k * cosh(x) - c * x**2 + x * exp(-x), parameters={m: 1, k: 1, c: 2}
-    ).equilibria()
-    assert [item.exact for item in result] == [False, False]
-    assert [item.stable for item in result] == [True, False]
-    for item in result:
-        s = item.coordinates[x]
-        assert abs(sympy.sinh(s) - 4 * s + (1 - s) * exp(-s)) < 1e-8
-    bar = shared_scene("four-bar").equilibria()
-    assert [item.stable for item in bar] == [True, False, True, False]
-
-
 def test_coordinates_at_which_forces_are_infinite_are_none() -> None:
     with pytest.raises(
         StatementError, match=r"kepler has no equilibrium: the forces on x and y at rest, solved in symb"
@@ -180,7 +166,6 @@ EDGE: dict[str, Any] = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin
             None,
             "the equilibria of system are not found in symbols, and for a search by number m, k and c have no value: ",
         ),
-        (lambda: lg.System(T, k * x**2 * sin(lg.t)), None, "the forces of system depend on time, so no point is"),
         (
             lambda: lg.System(x.dot**2 + y.dot**2 + theta.dot**2, **EDGE),
             None,
@@ -192,7 +177,6 @@ EDGE: dict[str, Any] = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin
             "the argument rates has a steady velocity of theta, but energies or constraints depend on theta, or a "
             "force acts along it",
         ),
-        (lambda: shared_scene("bouncing-ball"), None, "bouncing-ball has no equilibrium: the forces on y at rest"),
         (
             lambda: lg.System(T, forces={x: k}, dissipation=c * x.dot**2 / 2),
             {x.dot: 1},
@@ -200,7 +184,6 @@ EDGE: dict[str, Any] = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin
             "along it, so its momentum may change: linearize({x.dot: w}) tells whether the rate w is steady.",
         ),
         (hoop, {theta: 1, theta.dot: 1}, "rates has theta twice, by its symbol and by its name"),
-        (hoop, {phi: 1}, "rates names 'phi', which is not a coordinate"),
         (hoop, [1], "rates is a list: give a dict from ignorable coordinate to velocity."),
     ],
 )
@@ -279,14 +262,6 @@ def test_each_column_follows_one_eigenvalue_through_crossings() -> None:
     assert np.abs(np.diff(result, axis=0)).max() < 0.1
 
 
-def test_the_picture_has_a_line_for_each_eigenvalue_in_both_parts() -> None:
-    figure = hoop(m=1, g=9.81, R=1, w=2).plot_eigenvalues(w, np.linspace(2.0, 5.0, 7))
-    growth, frequency = figure.axes
-    assert len(growth.lines) == 3  # two eigenvalues, and the line at zero
-    assert len(frequency.lines) == 2
-    assert (frequency.get_xlabel(), frequency.get_ylabel(), growth.get_ylabel()) == ("w", "imaginary part", "real part")
-
-
 @pytest.mark.parametrize(
     ("parameter", "values", "at", "words"),
     [
@@ -297,12 +272,6 @@ def test_the_picture_has_a_line_for_each_eigenvalue_in_both_parts() -> None:
 )
 def test_paths_that_are_none(parameter: Any, values: Any, at: Any, words: str) -> None:
     assert refusal(hoop(m=1, g=9.81, R=1, w=2).eigenvalues, parameter, values, at).startswith(words)
-
-
-def test_roots_that_are_never_real_are_no_equilibria() -> None:
-    well = lg.System(x.dot**2 / 2, x**4 / 4 + k * x**2 / 2).equilibria()
-    assert [item.coordinates[x] for item in well] == [0]
-    assert sqrt(2) in {item.coordinates[x] for item in lg.System(x.dot**2 / 2, x**4 / 4 - x**2).equilibria()}
 
 
 def test_cubics_are_solved_by_number() -> None:
@@ -325,17 +294,14 @@ FRICTION = "the forces jump where {} zero, as dry friction does: they may keep t
 @pytest.mark.parametrize(
     ("potential", "forces", "place", "reason"),
     [
-        (x**2 / 2, {x: -sign(x.dot)}, {x: 0}, FRICTION.format("x_dot is")),
         (k * (x - a) ** 2 / 2, {x: -c * sign(x.dot)}, {x: a}, FRICTION.format("x_dot is")),
         (x**2 / 2, {x: -Heaviside(x.dot)}, {x: -Rational(1, 2)}, FRICTION.format("x_dot is")),
-        (x**2 / 2, {x: -sqrt(abs(x.dot)) * sign(x.dot)}, {x: 0}, "the forces on x have a corner or a jump at x = 0"),
         (
             x**2 / 2 + y**2,
             {x: -sign(x.dot - y.dot), y: sign(x.dot - y.dot)},
             {x: 0, y: 0},
             FRICTION.format("x_dot - y_dot is"),
         ),
-        (x**2 / 2, {x: -c * sign(x.dot - w)}, {x: c}, "eigenvalues on the imaginary axis do not decide"),  # a belt
         (x**2 / 2, {x: c * sign(u - x.dot)}, {x: c * sign(u)}, "eigenvalues on the imaginary axis do not decide"),
         (x**2 / 2, {x: y - sign(x.dot), y: -sign(y.dot) - y}, {x: 0, y: 0}, FRICTION.format("x_dot and y_dot are")),
     ],
@@ -379,10 +345,8 @@ def test_flat_places_are_found_and_surfaces_are_not_listed() -> None:
 DRAGS = [
     (lambda v: c * v**4, True),
     (lambda v: c * sympy.Abs(v) ** sympy.Rational(3, 2), True),
-    (lambda v: c * sympy.Abs(v) ** 3 + k * v**2, True),
     (lambda v: -c * v**4, False),
     (lambda v: c * sin(v) ** 2, False),
-    (lambda v: c * exp(v), False),
     (lambda v: c * v**4 * x, False),
 ]
 """Dissipations of one velocity, and whether their power is certainly never negative."""
@@ -402,13 +366,10 @@ def test_a_power_of_a_sum_with_thousands_of_terms_is_not_multiplied_out() -> Non
 
 
 FORCES = [
-    ({x: -(x.dot**3)}, True),
     ({x: -sympy.Abs(x.dot) * x.dot, y: -c * (1 + x**2) * y.dot**5}, True),
     ({x: -c * sqrt(x.dot**2 + y.dot**2) * x.dot, y: -c * sqrt(x.dot**2 + y.dot**2) * y.dot}, True),
     ({x: c * x.dot * y.dot**2, y: -c * x.dot**2 * y.dot}, True),  # without power
     ({x: x.dot**3}, None),
-    ({x: -(x.dot**2)}, None),
-    ({x: -x * x.dot**3}, None),
     ({x: -(y.dot**3)}, None),
     ({x: x.dot**3 - 2 * x.dot**3 / (1 + x.dot**2)}, None),  # brakes at low speeds alone: more than is proved
 ]
@@ -440,13 +401,6 @@ def test_equilibria_of_states_of_first_order() -> None:
     linear = lorenz(28).linearize()
     assert (linear.A - sympy.Matrix([[-10, 10, 0], [28, -1, 0], [0, 0, -sympy.Rational(8, 3)]])).is_zero_matrix
     assert linear.B.shape == (3, 0)
-
-
-def test_input_of_a_filter() -> None:
-    e, u, tau = lg.coordinate("e"), lg.given("u"), lg.parameters("tau")
-    filtered = lg.System(kinetic=0, forces={e: (u - e) / tau}, dissipation=e.dot**2 / 2)
-    linear = filtered.linearize(inputs=[u])
-    assert (linear.A[0, 0], linear.B[0, 0]) == (-1 / tau, 1 / tau)
 
 
 def test_long_formulas_leave_stability_to_numbers() -> None:

@@ -99,24 +99,6 @@ def test_a_momentum_that_is_solved_for_takes_the_branch_of_the_motion() -> None:
         lg.System(lagrangian=(x.dot**2 + y.dot**2 + x.dot * y.dot**3) / 2 + x.dot**4 - x * y).hamiltonian()
 
 
-@pytest.mark.slow
-def test_a_given_motion_stays_one() -> None:
-    pivot = lg.given("X", sin(2 * lg.t) / 3)
-    bob = (pivot + l * sin(theta), -l * cos(theta))
-    system = lg.System(
-        lg.kinetic_energy(m, bob), lg.gravity(m, bob, g), coordinates=[theta], parameters={m: 1, g: 9.81, l: 1}
-    )
-    form = system.hamiltonian()
-    assert form.expression.has(cos(2 * lg.t))
-    # Both err by some 1e-12 a step.
-    assert form.run(2.0, rtol=1e-12)[theta][-1] == pytest.approx(system.run(2.0, rtol=1e-12)[theta][-1], abs=1e-10)
-    assert system.transform({theta: x + pivot}).statement.initial == pytest.approx((0.0, -2 / 3))
-    with pytest.raises(StatementError, match=r"the forces of system depend on time, so no point is"):
-        system.equilibria()
-    with pytest.raises(StatementError, match=r"X is a given function of time without values, which numbers need"):
-        lg.System(x.dot**2 / 2, lg.given("X") * x, coordinates=[x]).hamiltonian()
-
-
 def test_brackets() -> None:
     """Angular momenta of a free particle: {Lx, Ly} = Lz, and Jacobi's identity with H and a velocity."""
     form = lg.System(m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, k * x * y * z, coordinates=[x, y, z]).hamiltonian()

@@ -156,12 +156,6 @@ def test_a_branch_that_is_not_known_at_the_point_remains() -> None:
         assert simplify(spring.K[0] - k + factor) == 0
 
 
-def test_a_point_in_decimals_is_checked_at_the_values_of_the_parameters_alone() -> None:
-    # Its matrices are of whole numbers here, and say nothing of other values.
-    spring = lg.System(m * x.dot**2 / 2, k * x**2 / 2, coordinates=[x], parameters={m: 1, k: 2})
-    assert (Matrix([1]), Matrix([2])) == (spring.linearize({x: 0.0}).M, spring.linearize({x: 0.0}).K)
-
-
 def test_it_pickles_and_says_what_it_is() -> None:
     lin = cart().linearize({}, inputs=[u])
     again = pickle.loads(pickle.dumps(lin))
@@ -202,7 +196,6 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
             "at is an int: give a dict from coordinate or velocity to value, such as {x: 0}.",
         ),
         (lambda: cart().linearize({z: 0}), "at names 'z', which is not a coordinate, velocity or input; they are x, x"),
-        (lambda: cart().linearize({x: theta}), "the value of x(t) contains theta: give numbers, or expressions in par"),
         (lambda: cart().linearize({x: "1"}), "the value of x(t) is the text '1': give a SymPy expression"),
         (lambda: cart().linearize({}, inputs=["v"]), "inputs contains 'v', which is not a parameter of this system: c"),
         (
@@ -211,17 +204,12 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
             "the input, as in forces={x: u} with u = lg.given('u').",
         ),
         (
-            lambda: lg.System(T, forces={x: lg.given("w")}).linearize(inputs=[lg.given("w").ddot]),
-            "inputs contains 'w_ddot', which is a rate of w: choose of m and w,",
-        ),
-        (
             lambda: lg.System(m * (x.dot + lg.given("X").dot) ** 2 / 2).linearize(inputs=[lg.given("X").ddot]),
             "the statement contains derivatives of the input X, and in the term B u of linear equations there are none"
             ": leave X out, and state its effect as a force",
         ),
         (lambda: linear(T, **FILTER), "the constraint 'filter' contains the input u, so B would need the rate of u"),
         (lambda: linear(T, k * abs(x)), CORNER.format("x") + " so that they are not linear near it."),
-        (lambda: linear(T, Piecewise((x**2, x > 0), (2 * x**2, True))), CORNER.format("x")),
         (lambda: linear(T, k * x**2, forces={x: -sign(x.dot)}), CORNER.format("x_dot")),
         (lambda: linear(T, Max(x, 0) ** 2, forces={x: Min(1, sin(lg.t))}), CORNER.format("x")),
         (
@@ -229,7 +217,6 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
             "the forces of hill, or their derivatives, have no value at x = 0: choose another point, or coordinates",
         ),
         (lambda: rod().linearize({y: -l, y.dot: 1}), "the velocities are not on the constraint 'rod', which is -2*l t"),
-        (lambda: rod().linearize({y: -2 * l}), "the point is not on the constraint 'rod', which is 3*l**2 there and"),
         (lambda: linear(PLANE, **MOVED), "the constraint 'constraint_1' depends on time: no point satisfies it at all"),
         (lambda: linear(PLANE, **STILL), "the constraints allow no motion to linearize: leave one"),
         (lambda: linear(PLANE + z.dot**2, **CROSSED), "the constraints are dependent at this point, so choose another"),
@@ -274,19 +261,6 @@ def test_formulas_of_any_size_are_refused_without_being_walked() -> None:
     shortener = Shortener("A", lambda _: False)
     with pytest.raises(StatementError, match=r"^A would be formulas of more than 15,000 symbols and op"):
         shortener.short(large)
-
-
-@pytest.mark.slow
-def test_accelerations_of_many_masses_are_refused() -> None:
-    """Symbolic accelerations of four links took 50 s and 37,000 operations."""
-    n = 6
-    angles = [lg.coordinate(f"angle_{i}") for i in range(n)]
-    masses = sympy.symbols(f"m0:{n}", positive=True)
-    pairs = [(i, j) for i in range(n) for j in range(n)]
-    kinetic = sum(masses[max(i, j)] * cos(angles[i] - angles[j]) * angles[i].dot * angles[j].dot for i, j in pairs)
-    chain = lg.System(kinetic / 2, sum(m * cos(q) for m, q in zip(masses, angles, strict=True)), name="chain")
-    with pytest.raises(StatementError, match=r"^the linear equations of chain about this point would be .* 15,000 sym"):
-        chain.linearize({q: sympy.Rational(1, 3 + i) for i, q in enumerate(angles)})
 
 
 def test_the_inverse_of_a_sparse_mass_matrix_is_short() -> None:

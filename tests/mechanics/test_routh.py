@@ -71,13 +71,6 @@ def test_a_term_that_is_linear_in_velocities_stays() -> None:
     assert system.ignored(second)[x][-1] == pytest.approx(first[x][-1], abs=1e-11)
 
 
-def test_without_values_the_momentum_has_none() -> None:
-    small = lg.System(m * (x.dot**2 + y.dot**2 * x**2) / 2, coordinates=[x, y]).routhian(y)
-    assert small.parameters == {}
-    p = sympy.Symbol("p_y", real=True)
-    assert sympy.simplify(small.statement.potential - p**2 / (2 * m * x**2)) == 0
-
-
 def plain(**more: Any) -> lg.System:
     return lg.System(m * (x.dot**2 + y.dot**2) / 2, coordinates=[x, y], name="pair", **more)
 

@@ -36,11 +36,6 @@ def test_the_pendulum_swings_harmonically() -> None:
     assert small.check()
 
 
-def test_the_next_order_bends_the_frequency() -> None:
-    small = pendulum().small(order=4)
-    assert sympy.expand(small.accelerations()[theta] + g / l * (theta - theta**3 / 6)) == 0
-
-
 def test_away_from_equilibrium_terms_of_first_order_stay_and_are_told() -> None:
     small = pendulum().small({theta: pi / 2})
     assert small.accelerations() == {theta: -g / l}
@@ -109,16 +104,8 @@ def test_constraints_are_expanded_with_their_curvature() -> None:
     small = rod.small({"y": -length})
     assert sympy.expand(small.statement.constraints[0].expression - rod.statement.constraints[0].expression) == 0
     assert "no equilibrium" not in small.statement.about
-    whirling = lg.System(
-        m * (x.dot**2 + y.dot**2) / 2,
-        m * g * y,
-        constraints={"wire": y - a * (cos(x) - 1)},
-        parameters={m: 1, g: 9.81, a: 2},
-        initial={x: 0.1, y: 2 * (np.cos(0.1) - 1)},
-    )
-    expanded = whirling.small()
-    assert expanded.statement.constraints[0].expression == a * x**2 / 2 + y
-    assert expanded.check()
+    wire = lg.System(m * (x.dot**2 + y.dot**2) / 2, constraints={"wire": y - a * (cos(x) - 1)})
+    assert wire.small().statement.constraints[0].expression == a * x**2 / 2 + y
 
 
 T = m * x.dot**2 / 2

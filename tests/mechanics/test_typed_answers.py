@@ -17,7 +17,7 @@ from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.derivation_page import NO_HEADING, PAGES
 from lagrange.show.notation.sections import sections
 from tests.covering import Share
-from tests.mechanics.answered_systems import answered, oscillator, pulley
+from tests.mechanics.answered_systems import answered
 from tests.models import SCENE_NAMES, shared_scene, stated_in
 
 LONG = [name for name in SCENE_NAMES if stated_in(name) >= {"rotations", "constraints"}]
@@ -121,7 +121,7 @@ def test_a_parameter_with_the_name_of_a_force_is_no_multiplier() -> None:
 
 def test_mutated_answers_are_judged_or_refused(share: Share) -> None:
     """An answer with a missing, doubled or replaced part is never executed, and every message is short."""
-    dice, systems = random.Random(2), ("scene:pendulum", "oscillator", "table", "pulley", "typed:damped")
+    dice, systems = random.Random(2), ("scene:pendulum", "oscillator", "floor", "pulley", "typed:damped")
     rows = [line.split("\t") for line in ANSWERS]
     answers = [(row[0], row[3].replace("⏎", "\n")) for row in rows if row[0] in systems]
     for _ in range(share(40)):
@@ -188,13 +188,13 @@ def test_solved_terms_are_not_expanded_to_find_them_among_those_of_motion(monkey
         return (expression,)
 
     monkeypatch.setattr(one_change, "expanded", recorded)
-    assert not pulley().compare("x'' = (m1 - 2 m2) g/(m1 + m2 + I/R^2)")
+    assert not answered("pulley").compare("x'' = (m1 - 2 m2) g/(m1 + m2 + I/R^2)")
     assert expanded and not any(power.base.is_Add for x in expanded for power in x.atoms(sp.Pow))
 
 
 def test_nested_functions_are_not_differentiated_to_find_small_motions(monkeypatch: pytest.MonkeyPatch) -> None:
     """The second derivatives of 24 squares of sines in one another take SymPy seconds."""
-    statement = oscillator().statement
+    statement = answered("oscillator").statement
     (equation,) = read_equations("m x'' = " + "sin^2 " * 24 + "x", statement)
     monkeypatch.setattr(sp, "diff", lambda *_: pytest.fail("a derivative was taken"))
     assert slips._small_angles([equation.zero], statement) == ""
@@ -210,8 +210,8 @@ def test_a_sum_with_an_exponent_of_many_digits_is_not_factored(monkeypatch: pyte
 
 def test_a_spent_budget_leaves_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(term_difference, "SECONDS", 0.0)
-    assert oscillator().compare("m x'' + c x' + k x = m g + F cos(w t)")
-    result = oscillator().compare("m x'' + c x' - k x = m g + F cos(w t)")
+    assert answered("oscillator").compare("m x'' + c x' + k x = m g + F cos(w t)")
+    result = answered("oscillator").compare("m x'' + c x' - k x = m g + F cos(w t)")
     assert not result and result.message == f"Equation 1 does not hold. {term_difference.UNNAMED}" and result.details
 
 
@@ -241,4 +241,4 @@ def test_a_high_power_of_a_sum_is_not_expanded() -> None:
 @pytest.mark.slow
 def test_a_correction_without_a_value_is_not_proposed() -> None:
     """The power of a multiplier has no derivative where the multiplier is taken as zero."""
-    assert "the term mu*N**(sign(x_dot)) is wrong" in str(answered("table").compare("m x'' = mu N^ sign(x')\nN = m g"))
+    assert "the term mu*N**(sign(x_dot)) is wrong" in str(answered("floor").compare("m x'' = mu N^ sign(x')\nN = m g"))

@@ -17,7 +17,6 @@ from lagrange.errors import StatementError
 from lagrange.statement.coordinate import (
     DeclaredOrder,
     acceleration_of,
-    check_name,
     coordinate,
     coordinates,
     is_ours,
@@ -102,18 +101,6 @@ def test_symbols_of_one_name_are_one_parameter() -> None:
     assert next(iter(result.defaults.values())) == 2.0
 
 
-def test_vectors_are_positions() -> None:
-    expected = (sin(theta), cos(theta))
-    for point in (expected, list(expected), sympy.Matrix(expected), np.array(expected)):
-        assert pendulum(positions={"bob": point}).positions["bob"] == expected
-    assert len(pendulum(positions={"bob": (1, 2.0, x * 0)}).positions["bob"]) == 3
-
-
-def test_two_forces_on_two_coordinates() -> None:
-    result = declare(kinetic=x.dot**2 + y.dot**2, forces=dict.fromkeys((y, x), 2) | {y: -x.dot, x: -y.dot})
-    assert dict(zip(result.coordinates, result.forces, strict=True)) == {x: -y.dot, y: -x.dot}
-
-
 REFUSALS: list[tuple[dict[str, Any], str]] = [
     # constraints
     ({"constraints": x - y}, "give a list such as [x**2 + y**2 - l**2], or a dict such as {'rod': "),
@@ -133,20 +120,14 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"kinetic": None}, "no kinetic energy: give kinetic= and potential=, or lagrangian=."),
     ({"lagrangian": T}, "give either lagrangian=, or kinetic= and potential=, not both."),
     ({"kinetic": "m*v**2"}, "the kinetic energy is the text 'm*v**2': give a SymPy expression; texts belong in a scen"),
-    ({"potential": 1j}, "the potential energy is 1j, a complex number: give a real number."),
-    ({"potential": float("nan")}, "the potential energy is nan: give a finite number."),
-    ({"potential": sympy.I}, "the potential energy contains the imaginary unit I."),
-    ({"potential": sympy.gamma(theta)}, "the potential energy contains gamma"),
     ({"kinetic": m}, "the kinetic energy does not contain theta.dot, so theta has no inertia and its acceleration is"),
     ({"kinetic": None, "potential": None, "lagrangian": cos(theta)}, "the Lagrangian does not contain theta.dot, so"),
     ({"potential": 0**theta}, "the potential energy contains 0**theta(t): a power of zero jumps where its exponent"),
-    ({"dissipation": "c"}, "the dissipation is the text 'c'"),
     # coordinates
     ({"kinetic": m, "potential": 0}, "no coordinates: the energies contain no function of time."),
     ({"coordinates": theta}, "coordinates is theta(t): give a list, such as [theta(t)]."),
     ({"coordinates": [theta, m]}, "coordinates contains m, which is not a coordinate: make one with lg.coordinate('x'"),
     ({"coordinates": [sin(t)]}, "coordinates contains sin(t), which is not a coordinate"),
-    ({"coordinates": [sympy.Function("é")(t)]}, "'é' cannot name a coordinate"),
     ({"coordinates": [theta, theta]}, "coordinate theta is listed twice: name each coordinate once."),
     ({"coordinates": [theta, x]}, "the kinetic energy does not contain x.dot, so x has no inertia"),
     ({"coordinates": [theta, x]}, "add its kinetic energy, or make x a parameter, or with lg.given('x') a given funct"),
@@ -161,14 +142,11 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"kinetic": 0, "potential": 0, "forces": {x: 1 - x}}, "give its rate as the force on it and x.dot**2/2 as diss"),
     ({"forces": {theta: 1, "theta": 2}}, "forces names 'theta' twice: give the sum of the forces on it."),
     ({"forces": [1]}, "forces is a list: give a dict from coordinate to generalized force."),
-    ({"forces": {theta: "1"}}, "the force on theta is the text '1'"),
     ({"forces": {theta: x}}, "Is x a coordinate or a given motion?"),
     ({"forces": {theta: theta.ddot}}, "the force on theta contains the derivative of order 2 of theta"),
     # parameters
     ({"parameters": [m]}, "parameters is a list: give a dict from parameter to value."),
     ({"parameters": {m: "1"}}, "parameter m is '1' (str): give a number."),
-    ({"parameters": {m: float("nan")}}, "parameter m is nan: give a finite number."),
-    ({"parameters": {m: g}}, "parameter m is g, an expression with symbols in it: give a number."),
     ({"parameters": {m: 1, "m": 2}}, "parameters has m twice, by its symbol and by its name: give it once."),
     ({"parameters": {3: 1}}, "parameters names 3: its keys are parameters (symbols) or their names."),
     ({"parameters": {"theta": 1}}, "theta is both a coordinate and a parameter: rename one."),
@@ -182,7 +160,6 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"initial": {"phi": 1}}, "initial names 'phi', which is not a coordinate or velocity of this system; they are th"),
     ({"initial": {"thta": 1}}, "Did you mean 'theta'?"),
     ({"initial": {theta: "30deg"}}, "theta is '30deg', a text: give a number, in radians, as math.radians(30)."),
-    ({"initial": {theta: float("inf")}}, "the initial value of theta is inf: give a finite number."),
     ({"initial": {theta.dot: m}}, "the initial value of theta_dot is m, an expression with symbols in it"),
     # what has no effect, or is not a velocity
     ({"dissipation": m * theta**2}, "the dissipation is m*theta(t)**2, without a velocity, and its force"),
@@ -198,14 +175,12 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"positions": [1]}, "positions is a list: give a dict from name to point."),
     ({"positions": {"a b": (0, 0)}}, "'a b' cannot name a point"),
     ({"positions": {"bob": 3}}, "the position of bob is 3: give two or three expressions, (x, y) or (x, y, z)."),
-    ({"positions": {"bob": (1,)}}, "the position of bob is (1,): give two or three expressions"),
     ({"positions": {"bob": ("1", 2)}}, "the position of bob is the text '1'"),
     ({"positions": {"a": (0, 0), "b": (0, 0, 0)}}, "positions mixes points in the plane with points in space"),
     ({"links": [("origin", "bob")]}, "links names 'bob', which is not a position; they are origin."),
     ({"positions": {"bob": (0, 0)}, "links": [("origin", "bo")]}, "Did you mean 'bob'?"),
     ({"links": ["origin"]}, "links contains 'origin': give pairs of point names, such as ('origin', 'bob')"),
     ({"positions": {"bob": (0, 0)}, "links": [("origin", "bob", "sprnig")]}, "Did you mean 'spring'?"),
-    ({"links": [("origin",)]}, "links contains ('origin',): give pairs of point names"),
 ]
 
 
@@ -274,21 +249,6 @@ def test_accelerations_only_where_they_are_asked_for() -> None:
         survey(x.ddot)
     with pytest.raises(StatementError, match="derivative of order 3 of x"):
         survey(x.diff(t, 3), accelerations=True)
-
-
-@pytest.mark.parametrize(
-    "expression",
-    [
-        sympy.Piecewise((x, x < 0), (sympy.pi, sympy.Or(x > 1, sympy.And(x > 2, x > y))), (0, True)),
-        sympy.Max(x, y, 1) + sympy.Min(x, 2) + sympy.Abs(x) + sympy.sign(y),
-        sympy.cot(x) + sympy.sec(x) + sympy.csc(x) + sympy.atan2(x, y) + sympy.exp(x) + sympy.log(y),
-        x ** sympy.Rational(1, 3) + 2**x + x**y + sympy.E,
-        sympy.Integer(3),
-        sympy.Float(0.5),
-    ],
-)
-def test_what_is_supported(expression: Any) -> None:
-    survey(expression)
 
 
 def test_long_and_shared_expressions_are_walked_once() -> None:
@@ -401,12 +361,6 @@ def test_parameters_are_real_and_positive_unless_told_otherwise() -> None:
     assert free.is_real
     assert free.is_positive is None
     assert isinstance(free, sympy.Symbol)
-
-
-@pytest.mark.parametrize("name", ["", "1x", "_x", "x-y", "x.y", "é", "x" * 65, "x y", "__import__", "x\n", None, 5])
-def test_a_name_is_an_identifier(name: Any) -> None:
-    with pytest.raises(StatementError, match="cannot name a point: a name starts with a letter"):
-        check_name(name, "point")
 
 
 @pytest.mark.parametrize("names", ["", " ", ",", None, 3, ["x"]])

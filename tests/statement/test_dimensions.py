@@ -77,37 +77,22 @@ def stated(given: dict[str, Any], dimensions: Any = None) -> lg.System:
     return lg.System(**given, dimensions=KNOWN if dimensions is None else dimensions)
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
-def test_right_statements_pass(name: str) -> None:
-    sizes = stated(SYSTEMS[name]).statement.dimensions
-    assert str(sizes[lg.t]) == "time" and all(str(sizes[q]) for q in stated(SYSTEMS[name]).coordinates)
-
-
 PLANTED: list[tuple[dict[str, Any], str, Any, Any]] = [
     # statement, part, the wrong term as it is told, and what the part becomes
     (PENDULUM, "kinetic", m * l * theta.dot**2 / 2, m * l * theta.dot**2 / 2),
-    (PENDULUM, "kinetic", l**2 * theta.dot**2 / 2, l**2 * theta.dot**2 / 2),
     (PENDULUM, "potential", -m * g * cos(theta), -m * g * cos(theta)),
-    (PENDULUM, "potential", -sp.Float(9.81) * m * l * cos(theta), -sp.Float(9.81) * m * l * cos(theta)),
     (PENDULUM, "potential", l * theta, -m * g * l * cos(l * theta)),
-    (PENDULUM, "potential", l, m * g * l * sin(l)),
     (SLIDING, "kinetic", m * x.dot * theta.dot * cos(theta), M * x.dot**2 / 2 + m * x.dot * theta.dot * cos(theta)),
     (SLIDING, "potential", k * theta**2 / 2, SLIDING["potential"] + k * theta**2 / 2),
-    (SLIDING, "potential", x, k * x**2 / 2 - m * g * l * cos(theta + x)),
     (SLIDING, "forces", -c * theta.dot, {x: -c * x.dot, theta: -c * theta.dot}),
-    (SLIDING, "forces", m * l, {x: k * x + m * l - c * x.dot}),
     (SLIDING, "dissipation", c * theta.dot**2 / 2, c * x.dot**2 / 2 + c * theta.dot**2 / 2),
     (SLIDING, "positions", sin(theta), {"bob": (x + sin(theta), -l * cos(theta))}),
-    (SLIDING, "positions", l**2 * sin(theta), {"bob": (x + l**2 * sin(theta), -l * cos(theta))}),
     (HOOP, "kinetic", w * sin(theta) ** 2, m * R**2 * (theta.dot**2 + w * sin(theta) ** 2) / 2),
-    (HOOP, "potential", k * (-phi + theta) ** 2 / 2, m * g * R * (1 - cos(theta)) + k * (theta - phi) ** 2 / 2),
     (HOOP, "constraints", -x, {"gear": phi - x + 2 * theta}),
-    (SPRING, "kinetic", r * theta.dot**2, m * (r.dot**2 + r * theta.dot**2) / 2),
     (SPRING, "potential", -1, k * (r - 1) ** 2 / 2 - m * g * r * cos(theta)),
     (SPRING, "potential", -(r**2) / R, k * (r - l) ** 2 / 2 + k * R**2 * exp(-(r**2) / R)),
     (SPRING, "forces", w**2 * lg.t, {r: k * l * cos(w**2 * lg.t)}),
     (ROD, "potential", -(l**2), m * g * y + k * (sqrt(x**2 + y**2) - l**2) ** 2 / 2),
-    (ROD, "constraints", -l, {"rod": x**2 + y**2 - l}),
     (CHARGE, "lagrangian", -x.dot, m * (x.dot**2 + y.dot**2) / 2 + q0 * B * (x * y.dot - x.dot) / 2),
 ]
 
@@ -169,17 +154,6 @@ def test_dimensions_are_read_from_text_and_from_sympy(given: Any, shown: str) ->
     assert str(read_dimension(given, "it")) == shown
 
 
-def test_units_must_fit_together() -> None:
-    si = {m: "kg", l: "m", g: "m/s**2", theta: "rad"}
-    stated(PENDULUM, si)
-    stated(PENDULUM, {m: "g", l: "cm", g: units.centimeter / units.second**2})
-    for wrong in ({l: "cm"}, {g: units.kilometer / units.second**2}, {g: "m/minute**2"}):
-        with pytest.raises(StatementError, match=r"whose unit is .* times that of the other terms: .* instead of"):
-            stated(PENDULUM, {**si, **wrong})
-    with pytest.raises(StatementError, match=r"theta in cos\(theta\), whose unit is 0.0174533 rad: .* instead of"):
-        stated(PENDULUM, {**si, theta: "deg"})
-
-
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -213,19 +187,6 @@ def test_powers_that_are_no_numbers_need_a_base_without_dimension() -> None:
     stated({**PENDULUM, "potential": -m * g * l * (1 + theta**2) ** k}, {m: "mass", l: "length", k: "dimensionless"})
     with pytest.raises(StatementError, match=r"term x, in k\*x\*\*w, whose dimension is length; under a power"):
         lg.System(m * x.dot**2, k * x**w, dimensions={x: "length", m: "mass"})
-
-
-def test_axes_and_cards_carry_units() -> None:
-    given = {**SLIDING, "parameters": {m: 1, M: 2, l: 1, g: 9.81, k: 3, c: 0.1}, "initial": {x: 0.1, theta: 0.3}}
-    si = {m: "kg", M: "kg", l: "m", g: "m/s**2", x: "m", theta: "rad", k: "N/m"}
-    solution = stated(given, si).run(0.5)
-    assert solution.card()["units"] == {"x": "m", "theta": "rad", "x_dot": "m/s", "theta_dot": "rad/s", "t": "s"}
-    assert "0 to 0.5 s, " in repr(solution)
-    figure = solution.plot()
-    labels = {text for axis in figure.get_axes() for text in (axis.get_xlabel(), axis.get_ylabel())}
-    assert {"x (m)", "t (s)", "y (m)", "$\\theta$ (rad)"} <= labels
-    plain = stated(given).run(0.5)
-    assert plain.card()["units"] == {} and "0 to 0.5, " in repr(plain)
 
 
 def test_sizes_stay_with_a_system_that_is_copied_or_rewritten() -> None:

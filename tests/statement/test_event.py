@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import pickle
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from lagrange.statement.declare import declare
 from lagrange.statement.event import Event, declare_events, event
 from lagrange.statement.parameters import Survey
 from lagrange.statement.scene.scene_reader import SceneReader
-from lagrange.statement.scene.writer import scene_text
 from tests.models import stated
 from tests.refusals import refusal
 
@@ -184,14 +182,6 @@ def test_the_events_of_a_scene_act_on_its_runs_and_on_copies_of_it() -> None:
     assert ball.run(2.0, events=[], target="numpy").t[-1] == 2.0
 
 
-def test_what_is_written_states_the_same_events() -> None:
-    stated = SceneReader("", BALL).statement()
-    again = SceneReader("", scene_text(stated)).statement()
-    for first, second in zip(again.run.events, stated.run.events, strict=True):
-        for name in ("expression", "direction", "terminal", "reset", "settings"):
-            assert getattr(first, name) == getattr(second, name), name
-
-
 def test_a_derived_system_has_no_events_of_the_scene() -> None:
     ball = lg.System.from_statement(SceneReader("", BALL).statement())
     assert ball.substitute({"m": 2}).statement.run.events == ()
@@ -215,19 +205,3 @@ def test_a_wrong_event_is_refused_at_its_line(right: str, wrong: str, line: int,
         SceneReader("", BALL.replace(right, wrong)).statement()
     assert words in str(refusal.value)
     assert refusal.value.line == line, refusal.value
-
-
-def test_a_table_over_an_expression_is_written_as_its_numbers(tmp_path: Path) -> None:
-    x, y = lg.coordinates("x y")
-    m, a = lg.parameters("m a")
-    points, values = [0.1, 1.0, 2.5, 4.0], [0.0, 0.3, 0.3, -0.7]
-    measured, linear = lg.table((x - y) / a, points, values), lg.table(y, [0, 1, 2, 3], [0, 1, 2, 3])
-    stated = lg.System(
-        m * (x.dot**2 + y.dot**2) / 2, forces={x: -measured, y: measured + linear}, parameters={m: 1, a: 1}
-    )
-    text = stated.to_scene(tmp_path / "table.toml").read_text("utf-8")
-    assert f"points = {points}, values = {values}" in text
-    assert " if " not in text, "no cubic is written out"
-    assert lg.System.from_scene(tmp_path / "table.toml").statement.forces == stated.statement.forces
-    start = {x: 1.0, y: 0.5}
-    assert np.isfinite(pickle.loads(pickle.dumps(stated)).run(0.1, start, target="numpy").y).all()

@@ -177,16 +177,6 @@ def value(statement: Statement, name: str) -> float:
     return {symbol.name: value for symbol, value in statement.defaults.items()}[name]
 
 
-def test_the_falling_ball_ends_at_its_terminal_velocity() -> None:
-    statement = loaded("falling-ball")
-    m, g, rho, r, c = (value(statement, name) for name in ("m", "g", "rho", "r", "c"))
-    terminal = math.sqrt((m * g - rho * g * 4 / 3 * math.pi * r**3) / (rho * c * math.pi * r**2))
-    assert terminal == pytest.approx(1.9545, rel=1e-4)
-    model = shared_scene("falling-ball").compile("numpy")
-    assert model.accelerations([0.0], [-terminal]) == pytest.approx([0.0], abs=1e-12)
-    assert terminal * statement.run.t_end / 2 > terminal**2 * m / (m * g), "it has time to get there"
-
-
 @pytest.mark.parametrize(
     ("name", "masses"),
     [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -90,17 +89,6 @@ def test_a_torque_changes_the_angular_momentum() -> None:
         assert np.allclose(system.run(0.1, rtol=1e-12)[R.space][:, -1], expected, rtol=0, atol=1e-13)
 
 
-def test_a_rotation_beside_coordinates_and_constraints() -> None:
-    """A ball rolls on a plane: x' = radius times the rate about y; it keeps its speed."""
-    y = lg.coordinate("y")
-    kinetic = m * (x.dot**2 + y.dot**2) / 2 + R.body.dot(R.body) / 5
-    rolling = [x.dot - R.space[1], y.dot + R.space[0]]
-    system = lg.System(kinetic, constraints=rolling, parameters={m: 1.0}, initial={x.dot: 1.0, R.space: (0, 1, 0.5)})
-    run = system.run(3.0, rtol=1e-12)
-    assert np.allclose([run[x][-1], run[y][-1]], [3, 0], rtol=0, atol=1e-10)
-    assert np.allclose(run[R.space][:, -1], [0, 1, 0.5], rtol=0, atol=1e-10)
-
-
 def test_a_tuple_beside_a_turned_vector_is_a_vector() -> None:
     turned, place = R * (0, 0, 2), (x, 0, 1)
     column = sympy.Matrix(place)
@@ -156,15 +144,6 @@ def test_an_answer_without_the_parameters_of_a_body_is_wrong() -> None:
     """The derivation has four accelerations, one of x and three in rates of the body, and the statement five."""
     system = lg.System(KINETIC + x.dot**2 / 2, parameters=VALUES)
     assert "contains no acceleration such as x''" in system.compare("x = 0").message
-
-
-def test_scenes_and_pickles_keep_rotations(tmp_path: Path) -> None:
-    system = top(initial={R: lg.turn((1, 0, 0), 0.3), R.body: (0, 0, 20)}, positions={"tip": R * (0, 0, 1)})
-    ends = [other.run(0.5)[R][-1] for other in (system, lg.System.from_scene(system.to_scene(tmp_path / "top.toml")))]
-    assert (ends[0] == ends[1]).all()
-    copy = pickle.loads(pickle.dumps(system))
-    assert copy.statement.rotations == ("R",)
-    assert (copy.run(0.5)[R][-1] == ends[0]).all()
 
 
 y = lg.coordinate("y")
@@ -228,19 +207,14 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a factor": (lambda: 2 * R, "it stands left of the vector that it turns"),
     "a sum": (lambda: R + 1, "use its entries"),
     "two entries": (lambda: R * (1, 2), "turns a vector of three entries, not 2 entries"),
-    "a number": (lambda: R * 2, "turns a vector of three entries, not 2"),
     "right of its vector": (lambda: sympy.Matrix([1, 2, 3]) * R, "it stands left of the vector"),
-    "right of a unit vector": (lambda: lg.z * R, "it stands left of the vector"),
-    "right of its rates": (lambda: R.body * R, "it stands left of the vector"),
     "a potential": (lambda: lg.System(KINETIC, R), "the potential energy is <Rotation R>"),
     "no axis": (lambda: lg.turn((0, 0, 0), 1), "three numbers that are not all zero"),
     "a long quaternion": (lambda: top(initial={R: (1, 1, 0, 0)}), "a quaternion of length 1.41421"),
     "a reflection": (lambda: top(initial={R: np.diag([1, 1, -1])}), "a reflection, with determinant -1"),
     "a matrix that stretches": (lambda: top(initial={R: np.diag([1, 1, 2])}), "differs from the unit matrix by 3"),
-    "entries of another length": (lambda: top(initial={"R_x": 0.5}), "a quaternion of length 1.11803"),
     "velocities that stretch": (lambda: top(initial={"R_w_dot": 0.5}), "change the length of the quaternion"),
     "modes of a spin": (lambda: top().modes({R.body: (0, 0, 1)}), "modes and equilibria are those of a body at rest"),
-    "a large number": (lambda: top(initial={R: (10**400, 0, 0, 0)}), "the start of R is .*a whole number of about 401"),
     "a long range": (lambda: top(initial={R: range(10**15)}), r"the start of R is range\(0, 1000000000000000\): give"),
     "a reset to a long quaternion": (
         lambda: top().run(0.1, events=lg.event(R[2, 2], reset={R: (1, 1, 0, 0)})),
@@ -263,16 +237,8 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a torque on an entry": (lambda: top(forces={R[0, 0]: 1}), "forces names R_xx.*use R.body or R.space"),
     "a rate twice": (lambda: top(initial={R.body: (1, 2, 3), "R_body_x": 1}), "initial names R_body_x twice"),
     "an entry outside": (lambda: R[3, 0], r"without an entry \(3, 0\): rows and columns are 0, 1 and 2"),
-    "an entry of the rates outside": (
-        lambda: R.body[3],
-        "a vector in space has no entry 3: the entries are 0, 1 and 2",
-    ),
-    "an entry of the inverse outside": (lambda: R.T[3, 0], r"no entry \(3, 0\): rows and columns are 0, 1 and 2"),
     "its velocity": (lambda: R.dot, "its rates are R.body and R.space, and the rates of these R.body.diff"),
-    "three places": (lambda: R[0, 1, 2], r"without an entry \(0, 1, 2\): rows and columns are 0, 1 and 2"),
-    "a symbolic row": (lambda: R[x, 1], r"without an entry \(x\(t\), 1\)"),
     "a product with NaN": (lambda: R.T * np.float32(np.nan), "is neither a number nor a vector"),
-    "a turned function": (lambda: R.T * anything(len), "is neither a number nor a vector: give an expression"),
     "an axis by its letter": (lambda: lg.turn("x", 1), "the axis of a turn is 'x': give three numbers"),
     "two entries beside a vector": (lambda: (1, 2) + R * lg.x, r"a vector in space is \(1, 2\): give three entries"),
     "an unknown force": (lambda: top(forces={"R_a": 1}), "is not a coordinate of this system; they are R and R.body"),
@@ -316,13 +282,10 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         "the start of R is .*a matrix of 3 by 3 numbers",
     ),
     "a sum with a number": (lambda: R.body + 1, "a vector or matrix and 1 have no sum: give three entries"),
-    "a sum of other shapes": (lambda: R.body + R.T, "does not fit one of shape"),
     "a force of a coordinate": (lambda: top(forces={x: R}), r"the force on x is <Rotation R>: give an entry R\[i, j\]"),
     "an absolute rate": (lambda: lg.System(abs(R.body[0])), "singular where R.body is zero"),
     "a place that is no dict": (lambda: top().linearize(anything(R)), "at is a Rotation: give a dict"),
-    "a row": (lambda: R * lg.x.T, "turns a vector of three entries, not a row"),
     "right of an array": (lambda: R.__array_ufunc__(np.matmul, "__call__", np.eye(3), R), "use its entries"),
-    "an argument of SymPy": (lambda: sympy.sin(R), "use its entries"),
     "an argument of NumPy": (lambda: np.sin(R), "use its entries"),
     "a root that is singular at rest": (
         lambda: lg.System(sympy.sqrt(R.body.dot(R.body))),
@@ -431,24 +394,6 @@ def test_a_rate_coupled_to_another_velocity_is_no_moment_of_the_body() -> None:
     run = lg.System(kinetic + x.dot**2 / 2, initial={R.space: (0, 1, 0)}).run(1.0)
     # Momenta are conserved: x.dot = 0 and R.space[1] = 1 stay.
     assert abs(run[R.space][1, -1] - 1) < 1e-9 and abs(run[x.dot][-1]) < 1e-9
-
-
-def test_a_scene_of_constraints_on_rotations_is_written_as_typed(tmp_path: Path) -> None:
-    """Entries and rates of rotations are written by name. The file has the same derivation as the system."""
-    system = lg.System(
-        KINETIC + m * x.dot**2 / 2,
-        constraints={"joint": x - R[0, 2], "spin": R.body[2] - R.space[2]},
-        parameters=VALUES,
-        initial={R.body: (0, 0, 1)},
-    )
-    system.to_scene(tmp_path / "held.toml")
-    joint = next(line for line in (tmp_path / "held.toml").read_text().splitlines() if line.startswith("joint"))
-    assert "R_xz" in joint
-    assert "R_w" not in joint
-    assert lg.System.from_scene(tmp_path / "held.toml").equations() == system.equations()
-    doubled = system.substitute({J1: 2 * J3})
-    assert doubled.derivation().constraints == system.derivation().constraints
-    assert "R_w" not in str(doubled.equations())
 
 
 def test_a_start_names_a_rotation_by_its_text() -> None:

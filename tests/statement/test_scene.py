@@ -92,7 +92,6 @@ Bad = tuple[dict[str, Any], int, int, str]
 FIELDS: list[Bad] = [
     # the scene (one field per line: name, coordinates, kinetic, potential, forces, parameters, initial, ...)
     ({"kinetc": "x"}, 11, 1, "'kinetc' is not a key of a scene; there are name, about, source, coordinates, kinetic,"),
-    ({"kinetc": "x"}, 11, 1, "Did you mean 'kinetic'?"),
     ({"name": 3}, 1, 8, "name is an integer: give a text in quotation marks."),
     ({"name": "../etc"}, 1, 8, "a scene's name must have 1 to 64 printable characters"),
     ({"name": "a\u202eb"}, 1, 8, "a scene's name must have 1 to 64 printable characters"),
@@ -111,13 +110,10 @@ FIELDS: list[Bad] = [
     ({"coordinates": ["x", "x_dot"]}, 2, 21, "'x_dot' cannot name a coordinate, because it is taken: x_dot"),
     # energies
     ({"kinetic": "m*l**2*thta_dot**2/2"}, 3, 19, "kinetic: 'thta_dot' is not declared: add it to [parameters] or"),
-    ({"kinetic": "m*l**2*thta_dot**2/2"}, 3, 19, "Did you mean 'theta_dot'?"),
     ({"kinetic": ["m"]}, 3, 11, 'kinetic is a list: give an expression as a text, such as "2*x".'),
     ({"kinetic": "m*l**2"}, 3, 11, "kinetic does not contain theta_dot, so theta has no inertia and its"),
-    ({"kinetic": "m*l**2"}, 3, 11, "add its kinetic energy, or make theta a parameter."),
     ({"kinetic": DROP}, 1, 1, "no kinetic energy: give kinetic= and potential=, or lagrangian=."),
     ({"lagrangian": "1"}, 11, 14, "give either lagrangian=, or kinetic= and potential=, not both."),
-    ({"lagrangian": "1", "kinetic": DROP}, 10, 14, "give either lagrangian=, or kinetic= and potential=, not both."),
     ({"dissipation": "m"}, 11, 15, "the dissipation is m, without a velocity"),
     ({"constraints": ["m - 1"]}, 11, 15, "constraint 'constraint_1' contains no coordinate and no velocity (m - 1"),
     ({"constraints": {"rod": "m - 1"}}, 11, 24, "constraint 'rod' contains no coordinate and no velocity"),
@@ -130,13 +126,11 @@ FIELDS: list[Bad] = [
     ({"dissipation": "theta_dot^2"}, 11, 25, "dissipation: '^' is not allowed in an expression: write ** for a power."),
     # forces
     ({"forces": {"phi": "1"}}, 5, 11, "'phi' is not a coordinate of this scene; there are theta."),
-    ({"forces": {"thet": "1"}}, 5, 11, "Did you mean 'theta'?"),
     ({"forces": {"theta": "2*x"}}, 5, 24, "forces.theta: 'x' is not declared"),
     ({"forces": "1"}, 5, 10, "forces is a text: write a table [forces] of names and values."),
     # parameters
     ({"parameters": [1]}, 6, 14, "parameters is a list: write a table [parameters] of names and values."),
     ({"parameters": {"m": True}}, 6, 21, 'parameters.m is true or false: give a number, or a constant'),
-    ({"parameters": {"m": "2*g"}}, 6, 24, "parameters.m: 'g' is not allowed in a constant: write numbers, pi and"),
     ({"parameters": {"m": "1/0"}}, 6, 22, "parameters.m: a denominator is zero."),
     ({"parameters": {"theta": 1}}, 6, 15, "'theta' cannot name a parameter, because it is a coordinate already"),
     # initial state
@@ -147,19 +141,12 @@ FIELDS: list[Bad] = [
     ({"positions": {"origin": ["0", "0"]}}, 8, 25, "'origin' is the point at zero already: choose another name."),
     ({"positions": {"bob": "x"}}, 8, 22, "positions.bob is a text: give a list of expressions, such as"),
     ({"positions": {"bob": ["0", "l*sin(phi)"]}}, 8, 35, "positions.bob[1]: 'phi' is not declared"),
-    ({"positions": {"a": [0, 0], "b": [0, 0, 0]}}, 8, 13, "positions mixes points in the plane with points in space"),
-    ({"links": "bob"}, 9, 9, "links is 'bob': give a list of pairs of point names"),
-    ({"links": ["bob"]}, 9, 10, "links contains 'bob': give pairs of point names, such as ('origin', 'bob'), or"),
     ({"links": [["origin", "bobb"]]}, 9, 21, "links names 'bobb', which is not a position; they are origin and bob."),
-    ({"links": [["origin", "bobb"]]}, 9, 21, "Did you mean 'bob'?"),
     ({"links": [["origin", 3]]}, 9, 21, "links names 3, which is not a position"),
-    ({"links": [["origin", "bob", "sprung"]]}, 9, 28, "links has the kind 'sprung'; the kinds are"),
     # run
     ({"run": {"tend": 1}}, 10, 8, "'tend' is not a setting of [run]; there are t_end, method, rtol, atol and step."),
     ({"run": {"t_end": 0}}, 10, 18, "t_end is 0: give the time at which the run ends, other than the start."),
-    ({"run": {"rtol": 0}}, 10, 17, "rtol is 0: give a number above zero."),
     ({"run": {"step": -0.5}}, 10, 17, "step is -0.5: give a number above zero."),
-    ({"run": {"atol": -1}}, 10, 17, "atol is -1: give zero or a number above."),
     ({"run": {"method": 3}}, 10, 19, "method is an integer: give a text in quotation marks."),
     ({"run": {"method": "rm -rf /"}}, 10, 19, "method is not a name of a method: write one such as 'dop853'."),
 ]  # fmt: skip

@@ -30,7 +30,7 @@ FREE = [
     *("x", "lambda_1", "lambda_", "lamda", "pi_1", "E", "I", "S", "gamma", "match", "type", "self", "dot", "time"),
     "ceil",
 ]
-MALFORMED = ["", "2x", "_x", "x-y", "é", "x" * 65]
+MALFORMED = ["", "2x", "_x", "x-y", "x.y", "x\n", "é", "x" * 65]
 
 x_0 = lg.coordinate("x_0")
 

@@ -8,7 +8,6 @@ import pytest
 
 from lagrange.errors import SceneError
 from lagrange.statement.scene.expressions import read_expression
-from tests.statement.attacks import ATTACKS
 from tests.statement.names import NAMES, x, y
 
 
@@ -131,12 +130,6 @@ def test_only_a_text_is_read(value: Any) -> None:
 def test_what_nests_too_deeply_for_python_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lagrange.statement.scene.expressions.DEEPEST_NESTING", 10_000)
     assert refusal("(" * 2000 + "x" + ")" * 2000)[1].startswith("the expression is nested too deeply")
-
-
-def test_the_attacks_are_refused_whatever_is_declared() -> None:
-    for attack in ATTACKS:
-        with pytest.raises(SceneError):
-            read_expression(attack, {"theta": x})
 
 
 def test_no_warning_is_shown() -> None:
