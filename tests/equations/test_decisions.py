@@ -92,9 +92,7 @@ def test_forces_that_do_no_work_keep_the_energy() -> None:
         ({**ROD, "forces": {x: c * x, y: c * y}}, None, "was not found to be conserved: forces or dissipation act."),
         ({**ROD, "potential": t * (x**2 + y**2 - 1)}, None, "not found to be conserved: the Lagrangian depends on tim"),
         ({**FREE, "constraints": {"wall": x - sin(t)}}, None, "not found to be conserved: constraints that depend on"),
-        ({**FREE, "potential": Piecewise((0, t < 1000), (x, True))}, None, "found to be conserved: the Lagrangian may"),
         ({**FREE, "potential": k * x * cos(t)}, False, "is not conserved: the Lagrangian depends on time."),
-        ({**FREE, "potential": x * exp(-(t**2))}, False, "is not conserved: the Lagrangian depends on time."),
     ],
 )
 def test_nothing_is_denied_that_may_hold(parts: dict[str, Any], verdict: bool | None, told: str) -> None:
@@ -156,12 +154,6 @@ def test_numbers_beyond_doubles_have_no_value() -> None:
 
 
 def test_card_and_plot_say_what_was_found() -> None:
-    hoop = lg.System(
-        **moving(ON_HOOP, m * g * ON_HOOP[2]), parameters={m: 1, l: 1, g: 9.81, omega: 2}, initial={theta: 0.5}
-    )
-    run = hoop.run(2.0)
-    assert hoop.compile().conservative and "energy drift" in repr(run)
-    assert run.plot().axes[1].get_title(loc="left").startswith("energy drift")
     wall = lg.System(**FREE, constraints={"wall": x - sin(t)}, parameters={m: 1}, initial={x.dot: 1.0})
     run = wall.run(1.0)
     assert "(not found to be conserved)" in repr(run) and run.card()["energy"]["conserved"] is None

@@ -44,21 +44,6 @@ def test_pendulum_in_cartesian_positions_reads_as_in_the_book() -> None:
     assert derivation.accelerations == {theta: -g * sin(theta) / l}
 
 
-def test_double_pendulum_in_cartesian_positions_has_the_angle_between_the_rods() -> None:
-    kinetic, potential = pendulum_chain([m1, m2], [l1, l2], [theta1, theta2])
-    g_ = Symbol("g", real=True, positive=True)
-    assert left_sides(kinetic=kinetic, potential=potential) == [
-        (m1 + m2) * l1**2 * theta1.ddot
-        + m2 * l1 * l2 * cos(theta1 - theta2) * theta2.ddot
-        + m2 * l1 * l2 * sin(theta1 - theta2) * theta2.dot**2
-        + (m1 + m2) * g_ * l1 * sin(theta1),
-        m2 * l2**2 * theta2.ddot
-        + m2 * l1 * l2 * cos(theta1 - theta2) * theta1.ddot
-        - m2 * l1 * l2 * sin(theta1 - theta2) * theta1.dot**2
-        + m2 * g_ * l2 * sin(theta2),
-    ]
-
-
 def test_sums_of_lengths_stay_together() -> None:
     bob = ((l + x) * sin(theta), -(l + x) * cos(theta))
     stated = {

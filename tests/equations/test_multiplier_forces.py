@@ -104,7 +104,6 @@ def test_random_systems_solve_the_bordered_equations(seed: int) -> None:
             "the force on x is not linear in lambda[floor] and lambda[wall]: give a coefficient in coordinates, "
             "velocities and parameters times a multiplier, such as -mu*lambda[floor]*sign(x.dot), and end",
         ),
-        ({"forces": {x: NORMAL**2}}, "the force on x is not linear in lambda[floor]: give a coef"),
         ({"forces": {x: lg.multiplier("flor")}}, "a force contains lambda[flor], but the constraint is floor."),
         ({"dissipation": NORMAL * x.dot**2}, "the dissipation contains lambda[floor], the multiplier of a constraint"),
         ({"forces": {y: -NORMAL}}, "the multipliers of incline are not determined: its constraints depend on"),

@@ -14,7 +14,6 @@ from lagrange.errors import StatementError
 from lagrange.mechanics.symmetries import SymmetryEquation
 from tests.mechanics.conserving_systems import (
     FLAT,
-    POLAR,
     POLAR_T,
     WAYS,
     B,
@@ -179,19 +178,6 @@ KEPLER = lg.System(T(FLAT), -k / sqrt(x**2 + y**2), name="kepler")
 
 def same(result: Any, expected: Any) -> bool:
     return bool(sympy.simplify(result - expected) == 0)
-
-
-def test_quantities_of_symmetries() -> None:
-    assert same(KEPLER.noether({x: -y, y: x}), m * (x * y.dot - y * x.dot))
-    assert same(KEPLER.noether({"x": -2 * y, "y": 2 * x}), 2 * m * (x * y.dot - y * x.dot))
-    assert same(KEPLER.noether({lg.t: 1}), -KEPLER.energy)
-    polar = lg.System(POLAR_T, -k / r)
-    assert same(polar.noether({phi: 1}), m * r**2 * phi.dot)
-    free = lg.System(POLAR_T)
-    assert same(free.noether({r: cos(phi), phi: -sin(phi) / r}), m * sympy.diff(POLAR[0], lg.t))
-    field = x * cos(omega * lg.t) + y * sin(omega * lg.t)
-    turning = lg.System(T(FLAT), k * field)
-    assert same(turning.noether({lg.t: 1, x: -omega * y, y: omega * x}).coeff(k), -field)
 
 
 @pytest.mark.parametrize(

@@ -88,17 +88,6 @@ def test_a_lagrangian_stays_one() -> None:
     assert sympy.expand(small.lagrangian - (5 * x.dot**2 / 2 - 2 * x**2)) == 0
 
 
-def test_several_go_one_after_another_and_other_constraints_stay() -> None:
-    system = lg.System(
-        kinetic=(x.dot**2 + y.dot**2 + z.dot**2 + u.dot**2) / 2,
-        constraints={"first": y - x**2, "second": z - y * x, "edge": u.dot - y * x.dot},
-    )
-    small = system.eliminate(y, z)
-    assert small.statement.names == ("x", "u")
-    assert [item.name for item in small.statement.constraints] == ["edge"]
-    assert small.statement.constraints[0].expression == u.dot - x**2 * x.dot
-
-
 # --- the law -----------------------------------------------------------------------------------------------------
 
 
@@ -158,8 +147,6 @@ def pair(**constraints: Any) -> lg.System:
     [
         ({"rod": ROD}, (), "eliminate() has no arguments: give a coordinate that a constraint determines."),
         ({"rod": ROD}, (z,), "'z' is not a coordinate of this system; they are x, y and theta."),
-        ({"rod": ROD}, ("thet",), "'thet' is not a coordinate of this system; they are x, y and theta. Did yo"),
-        ({"rod": ROD}, (theta,), "theta is in no constraint, so it cannot be eliminated: it moves freely."),
         (
             {"rod": ROD},
             (y,),
@@ -188,7 +175,6 @@ def pair(**constraints: Any) -> lg.System:
         ({"roll": x.dot - y * theta.dot}, ("roll",), "the constraint roll determines no coordinate: roll is a"),
         ({"rod": ROD}, ({y: l - x},), "y = 'l - x' does not solve a constraint: give a solution of one of rod, the"),
         ({"rod": ROD}, ({y: y + x},), "the value of y is 'x(t) + y(t)': give an expression in the other coordinates,"),
-        ({"rod": ROD}, ({y: z},), "the value of y contains z(t), which this system does not have; it has x(t), y(t), "),
         ({"tie": y - x, "same": theta - x}, (y, theta, x), "x is the only coordinate left: without it nothing moves."),
     ],
 )

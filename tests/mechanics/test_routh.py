@@ -79,9 +79,7 @@ def plain(**more: Any) -> lg.System:
     ("make", "expected", "words"),
     [
         (plain, (), "routhian() has no arguments: give a coordinate that is ignorable."),
-        (plain, ("z",), "'z' is not a coordinate of this system; they are x and y."),
         (plain, (x, y), "every coordinate of pair would be ignored: without one nothing is left to move."),
-        (lambda: plain(potential=k * x**2 / 2), (x,), "x is not ignorable: dL/dx = '-k*x(t)' is not zero, so its mome"),
         (
             lambda: plain(dissipation=c * x.dot**2 / 2),
             (x,),

@@ -125,8 +125,6 @@ INFINITE = (
             "the inertia of phi vanishes at theta = 0 and phi = 0, so the Lagrangian to order 2 does not contain this "
             "velocity: choose coordinates that are regular at the point, or another point.",
         ),
-        (lambda: shared_scene("kepler").small(), INFINITE.format("x = 0 and y = 0")),
-        (lambda: lg.System(T, k * x**2 * sympy.Heaviside(x)).small(), CORNER.format("x = 0", "x")),
         (lambda: lg.System(T, k * Abs(x)).small(), CORNER.format("x = 0", "x")),
         (lambda: lg.System(T, Piecewise((x**2, x > a), (0, True))).small({x: a}), CORNER.format("x = a", "a - x")),
         (lambda: lg.System(T, x ** Rational(3, 2)).small(), INFINITE.format("x = 0")),

@@ -73,14 +73,10 @@ def test_below_a_heading_of_a_whole_derivation_a_wrong_term_is_named() -> None:
 
 UNREAD = [
     ("scene:pendulum", "Equations of motion\ntheta_ddot + foo = 0", "'foo' is not a symbol"),
-    ("scene:mass-on-spring", "x'' = -a x", "'a' is not a symbol"),
     ("scene:pendulum", "<!DOCTYPE html><html>theta'' = 0", "the text is an HTML page, which is not read"),
     ("scene:pendulum", "theta_dott = -g/l sin(theta)", "'theta_dott' is not a symbol"),
-    ("scene:pendulum", "theta'' = -omega^2 sin theta", "'omega' is not a symbol"),
-    ("scene:pendulum", "tehta_dd = -g/l sin(theta)", "'tehta_dd' is not a symbol"),
     ("typed:pendulum", "θ⃛ = 0\nθ̈ = -g/l sin θ", "'θ' has no derivative of this order here"),
     ("typed:pendulum", r"\ddot\theta = -g \over l \sin\theta", r"over is not known here: write \\frac\{\}\{\}"),
-    ("typed:pendulum", "m l² θ̈ = -dV_e/dθ", "'dV_e' is not a symbol of this system. Write the derivative out."),
     *(("orbit", text, "'C' is not a symbol") for text in ("(m + M) r'' = C", "r phi = C", "m r^2 phi' = C D")),
     ("strung", "m1 x'' = m1 g - F\nm2 y'' = m2 g - T", r"'F' is not a symbol of this system.* 'T' is not a symbol"),
 ]
@@ -103,11 +99,6 @@ def test_an_answer_is_judged_and_its_wrong_term_is_named(line: str) -> None:
     result = answered(system).compare(text.replace("⏎", "\n"))
     assert bool(result) == (verdict == "right"), result.message
     assert said in result.message.replace("w*t", "t*w"), result.message
-
-
-def test_a_letter_for_a_derivative_is_read_in_a_list_too() -> None:
-    assert answered("scene:pendulum").compare(["m l^2 alpha = -m g l sin(theta)"])
-    assert answered("scene:mass-on-spring").compare({"x": "m dv/dt = -k (x - rest) - c v"})
 
 
 def test_a_parameter_with_the_name_of_a_force_is_no_multiplier() -> None:
@@ -155,18 +146,6 @@ def test_of_two_readings_only_that_of_the_wrong_equation_is_quoted() -> None:
         "(m1 + m2) l1 theta1'' + m2 l2 theta2'' cos(theta1 - theta2) + (m1 + m2) g sin(theta1) = 0"
     )
     assert result.wrong == (1,) and "Read as" not in result.message
-
-
-def test_verdicts_are_short() -> None:
-    """The verdict on a wrong equation with many terms has at most 400 characters; details are separate."""
-    name = "elastic-pendulum"
-    system = shared_scene(name)
-    names = system.statement.names
-    wrong = " + ".join(
-        f"{k}*{a}*{b}_dot*sin({a})*exp({b})" for k, (a, b) in enumerate([(x, y) for x in names for y in names] * 12, 2)
-    )
-    result = system.compare([f"{names[0]}_ddot + {wrong} = 0", f"{names[1]}_ddot = {wrong}"])
-    assert not result and len(result.message) <= 400 and result.details
 
 
 def test_a_tension_with_the_sign_of_a_force_is_right_beside_a_constant_length() -> None:
@@ -236,9 +215,3 @@ def test_a_high_power_of_a_sum_is_not_expanded() -> None:
     """The thousand terms of (x + g)**999, each evaluated alone, take two seconds."""
     power = (sp.Symbol("x") + sp.Symbol("g")) ** 999
     assert term_difference.expanded(power) == (power,)
-
-
-@pytest.mark.slow
-def test_a_correction_without_a_value_is_not_proposed() -> None:
-    """The power of a multiplier has no derivative where the multiplier is taken as zero."""
-    assert "the term mu*N**(sign(x_dot)) is wrong" in str(answered("floor").compare("m x'' = mu N^ sign(x')\nN = m g"))

@@ -29,11 +29,9 @@ STATEMENT = stated(kinetic=(x.dot**2 + y.dot**2) / 2, potential=a * x, parameter
     ("given", "expected"),
     [
         (None, []),
-        ([], []),
         (x - 1, [x - 1]),
         (event(x), [x]),
         ([x, event(y.dot), t - a], [x, y.dot, t - a]),
-        (iter([x]), [x]),
         (sp.Eq(x, y), [x - y]),
     ],
 )
@@ -65,15 +63,11 @@ def test_a_reset_is_by_symbol_or_by_name() -> None:
         ({"expression": "x - 1"}, "the event is 'x - 1', a text: give the symbol or the expression itself, such as"),
         ({"expression": lambda t, y: y[0]}, "A Python function hides its formula, and its roots could be missed"),
         ({"expression": x > 1}, "the event is 'x(t) > 1', a relation: give the difference of its sides, x(t) - 1, who"),
-        ({"expression": x.dot == 0}, "the event is False, which Python makes of a comparison such as theta.dot == 0: "),
         ({"expression": 3}, "the event is 3, a number, which is constant along a run: give an expression"),
         ({"terminal": -1}, "terminal = -1: give True, or the number of the occurrence that ends the run"),
-        ({"terminal": 1.5}, "terminal = 1.5: give True"),
         ({"direction": "up"}, "direction is 'up' (str): give a number"),
-        ({"direction": float("nan")}, "direction is nan: give a finite number"),
         ({"reset": [x]}, "reset is [x(t)]: give a dict from coordinates, velocities and parameters to expressions"),
         ({"reset": {x: "-x_dot"}}, "the value of a reset is '-x_dot' (str): give an expression of the state before, s"),
-        ({"reset": {x: x > 0}}, "the value of a reset is x(t) > 0 (StrictGreaterThan): give an expression of the stat"),
         ({"reset": {x: float("inf")}}, "the value of a reset is inf: give a finite number"),
     ],
 )
@@ -84,14 +78,9 @@ def test_what_cannot_be_meant_is_refused_when_it_is_written(given: dict[str, Any
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (7, "the event is 7, a number, which is constant along a run"),
         (Ellipsis, "events is Ellipsis: give a list of expressions, or of lg.event(...)"),
-        ([x, "y"], "the event is 'y', a text: give the symbol"),
         ([x, z - 1], "event 1 contains z(t), which this system does not have"),
         ([x - b], "event 0 contains b, which this system does not have; it may contain its coordinates, their "),
-        ([sp.nan], "event 0 contains nan, which is not a finite number"),
-        ([sp.gamma(x)], "event 0 contains gamma in 'gamma(x(t))', which is not supported"),
-        ([sp.diff(x, t, 3)], "event 0 contains the derivative of order 3 of x. Only coordinates, velocities and acc"),
         ([a - 1], "event 0 is a - 1, which is constant along a run"),
         ([event(x, reset={z: 0})], "the reset of event 0 names 'z(t)', which is not a coordinate or velocity of this "),
         ([event(x, reset={x: z})], "the reset of event 0 contains z(t), which this system does not have"),
@@ -194,10 +183,7 @@ def test_a_derived_system_has_no_events_of_the_scene() -> None:
         ('when = "y"\n', 'when = "z"\n', 18, "events[0].when: 'z' is not declared"),
         ('"-e*y_dot"', '"-e*y_dot*"', 20, "events[0].reset.y_dot: the expression ends"),
         ("y_dot == 0", "m", 17, "event 1 is m, which is constant along a run"),
-        ("terminal = 1", "terminal = -1", 22, "terminal = -1: give True"),
-        ("terminal = 1", 'again = "x"', 25, "'again' is not a key of an event"),
         ('when = "y_dot == 0"\n', "", 22, "an event has no key `when`: write"),
-        ('reset = { y_dot = "-e*y_dot", e = "e/2" }', "reset = 1", 17, "reset is not a table of names and new values"),
     ],
 )
 def test_a_wrong_event_is_refused_at_its_line(right: str, wrong: str, line: int, words: str) -> None:

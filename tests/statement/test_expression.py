@@ -40,7 +40,6 @@ def test_expressions_and_numbers(value: Any, expected: Any) -> None:
     ("value", "words"),
     [
         ("x", "m is the text 'x': give a SymPy expression; texts belong in a scene file."),
-        (np.str_("x"), "m is the text"),
         (["x"], "m is ['x'] (list): give one SymPy expression."),
         (sympy.Matrix([[x, 1], [2, 3]]), "m is a matrix of shape (2, 2): give a scalar, such as its entry [0, 0]."),
         (sympy.Eq(x, 1), "m is Eq(x(t), 1), which has no value"),
@@ -65,9 +64,7 @@ def test_vectors(value: Any) -> None:
     ("value", "words"),
     [
         ("x", "the position is the text 'x': give SymPy expressions."),
-        ([x, "y"], "component 1 of the position is the text 'y'"),
         (np.array([x, "y"], object), "component 1 of the position is the text 'y'"),
-        ([[x]], "component 0 of the position is [x(t)] (list): give one SymPy expression."),
         ({x: 1}, "the position is a dict, which has no order: give a list."),
         (np.ma.array([1.0]), "the position is a masked array: give the values alone."),
         (np.zeros((2, 2, 2)), "the position has shape (2, 2, 2): give a vector, or a matrix"),
@@ -124,11 +121,8 @@ def test_numbers_of_every_kind(value: Any) -> None:
 
 ENTRIES: list[tuple[Any, str]] = [
     ([1j, 0], "q has entries of type complex128: give real numbers."),
-    (["1", "2"], "q has entries of type <U1: give real numbers."),
     ([1.0, True], "q has entries of type bool: give real numbers."),
     (np.array([1.0, None]), "q has entries of type object: give real numbers."),
-    ([10**400], "q has entries of type object: give real numbers."),
-    (np.array([1], "m8[s]"), "q has entries of type timedelta64[s]: give real numbers."),
     (np.ma.array([1.0, 2.0]), "q is a masked array: give the values alone, such as its .compressed()."),
     ([1.0, np.ma.masked], "q has entries of type MaskedConstant: give real numbers."),
     ([[1.0, 2.0], [3.0]], "q is not an array: setting an array element with a sequence."),
@@ -172,15 +166,12 @@ def test_what_is_no_truth_value(value: Any) -> None:
 m = sympy.Symbol("m")
 REFUSALS: list[tuple[Any, str]] = [
     (float("nan"), "parameter m is nan: give a finite number."),
-    (sympy.zoo, "parameter m is zoo: give a finite number."),
     (sympy.exp(1000), "parameter m is inf: give a finite number."),
     (10**400, "parameter m is too large for a floating-point number: give a number below 1.8e308."),
     (1j, "parameter m is 1j, a complex number: give a real number."),
     (2 * m, "parameter m is 2*m, an expression with symbols in it: give a number."),
     (sympy.Eq(m, 1), "parameter m is Eq(m, 1), which has no value: give a number."),
     (True, "parameter m is True (bool): give a number."),
-    ("1.0", "parameter m is '1.0' (str): give a number."),
-    (None, "parameter m is None: give a number."),
     (np.array([1.0, 2.0]), "parameter m is array([1., 2.]) (ndarray): give a number."),
 ]
 

@@ -94,9 +94,7 @@ FIELDS: list[Bad] = [
     ({"kinetc": "x"}, 11, 1, "'kinetc' is not a key of a scene; there are name, about, source, coordinates, kinetic,"),
     ({"name": 3}, 1, 8, "name is an integer: give a text in quotation marks."),
     ({"name": "../etc"}, 1, 8, "a scene's name must have 1 to 64 printable characters"),
-    ({"name": "a\u202eb"}, 1, 8, "a scene's name must have 1 to 64 printable characters"),
     ({"about": "\x1b[2J"}, 11, 9, "about contains a control character: write plain text."),
-    ({"about": True}, 11, 9, "about is true or false: give a text in quotation marks."),
     ({"constraints": "theta"}, 11, 15, "constraints is a text: write a table [constraints] of names and values."),
     ({"constraints": {"0": "theta"}}, 11, 22, "'0' cannot name a constraint"),
     ({"constraints": ["theta >= 1"]}, 11, 16, "constraints[0] is an inequality. Constraints are equations"),
@@ -105,15 +103,12 @@ FIELDS: list[Bad] = [
     # coordinates
     ({"coordinates": DROP}, 1, 1, 'there are no coordinates: write coordinates = ["theta"].'),
     ({"coordinates": []}, 2, 15, "there are no coordinates"),
-    ({"coordinates": ["theta", 3]}, 2, 15, "coordinates must be a list of names"),
     ({"coordinates": ["theta", "theta"]}, 2, 25, "'theta' cannot name a coordinate, because it is a coordinate"),
     ({"coordinates": ["x", "x_dot"]}, 2, 21, "'x_dot' cannot name a coordinate, because it is taken: x_dot"),
     # energies
     ({"kinetic": "m*l**2*thta_dot**2/2"}, 3, 19, "kinetic: 'thta_dot' is not declared: add it to [parameters] or"),
     ({"kinetic": ["m"]}, 3, 11, 'kinetic is a list: give an expression as a text, such as "2*x".'),
     ({"kinetic": "m*l**2"}, 3, 11, "kinetic does not contain theta_dot, so theta has no inertia and its"),
-    ({"kinetic": DROP}, 1, 1, "no kinetic energy: give kinetic= and potential=, or lagrangian=."),
-    ({"lagrangian": "1"}, 11, 14, "give either lagrangian=, or kinetic= and potential=, not both."),
     ({"dissipation": "m"}, 11, 15, "the dissipation is m, without a velocity"),
     ({"constraints": ["m - 1"]}, 11, 15, "constraint 'constraint_1' contains no coordinate and no velocity (m - 1"),
     ({"constraints": {"rod": "m - 1"}}, 11, 24, "constraint 'rod' contains no coordinate and no velocity"),
@@ -127,26 +122,20 @@ FIELDS: list[Bad] = [
     # forces
     ({"forces": {"phi": "1"}}, 5, 11, "'phi' is not a coordinate of this scene; there are theta."),
     ({"forces": {"theta": "2*x"}}, 5, 24, "forces.theta: 'x' is not declared"),
-    ({"forces": "1"}, 5, 10, "forces is a text: write a table [forces] of names and values."),
     # parameters
-    ({"parameters": [1]}, 6, 14, "parameters is a list: write a table [parameters] of names and values."),
     ({"parameters": {"m": True}}, 6, 21, 'parameters.m is true or false: give a number, or a constant'),
-    ({"parameters": {"m": "1/0"}}, 6, 22, "parameters.m: a denominator is zero."),
     ({"parameters": {"theta": 1}}, 6, 15, "'theta' cannot name a parameter, because it is a coordinate already"),
     # initial state
     ({"initial": {"phi": 1}}, 7, 12, "'phi' is not a coordinate or velocity of this scene; there are theta and"),
     ({"initial": {"theta": "2*m"}}, 7, 25, "initial.theta: 'm' is not allowed in a constant"),
-    ({"initial": {"theta": [1]}}, 7, 22, "initial.theta is a list: give a number, or a constant expression such as"),
     # positions and links
     ({"positions": {"origin": ["0", "0"]}}, 8, 25, "'origin' is the point at zero already: choose another name."),
     ({"positions": {"bob": "x"}}, 8, 22, "positions.bob is a text: give a list of expressions, such as"),
     ({"positions": {"bob": ["0", "l*sin(phi)"]}}, 8, 35, "positions.bob[1]: 'phi' is not declared"),
     ({"links": [["origin", "bobb"]]}, 9, 21, "links names 'bobb', which is not a position; they are origin and bob."),
-    ({"links": [["origin", 3]]}, 9, 21, "links names 3, which is not a position"),
     # run
     ({"run": {"tend": 1}}, 10, 8, "'tend' is not a setting of [run]; there are t_end, method, rtol, atol and step."),
     ({"run": {"t_end": 0}}, 10, 18, "t_end is 0: give the time at which the run ends, other than the start."),
-    ({"run": {"step": -0.5}}, 10, 17, "step is -0.5: give a number above zero."),
     ({"run": {"method": 3}}, 10, 19, "method is an integer: give a text in quotation marks."),
     ({"run": {"method": "rm -rf /"}}, 10, 19, "method is not a name of a method: write one such as 'dop853'."),
 ]  # fmt: skip

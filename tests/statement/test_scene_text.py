@@ -271,10 +271,8 @@ def test_a_scene_has_definitions_signs_open_values_tables_and_multipliers() -> N
 
 MISTAKES = [
     ('k = "positive"', 'k = "big"', "the sign of k is 'big': write positive, nonnegative, real, or none for a symbol"),
-    ('k = "positive"', 'k = "positive negative"', "the sign of k is 'positive negative': write positive"),
     ('k = "positive"', 'q = "positive"', "'q' is not a parameter of this scene; there are m, k and mu."),
     ("stretch =", "x =", "'x' cannot name a definition, because it is taken already: choose another name."),
-    ("stretch =", "u =", "'u' cannot name a definition, because it is taken already: choose another name."),
     ("stretch =", "sin =", "'sin' cannot name a definition, because it is a function: choose another name"),
     ('"sin(far)*far"', '"sin(near)*far"', "definitions.stretch: 'near' is not declared: add it to [parameters]"),
     (
@@ -284,7 +282,6 @@ MISTAKES = [
     ),
     ("points = [0, 1,", "points = [1, 0,", "the points of the table over x - 1 go from 1 to 0: give points that rise."),
     ("multiplier(wall)", "multiplier(2)", "multiplier takes the name of a constraint, as in multiplier(rod)."),
-    ("coordinates =", "evaluate = 1\ncoordinates =", "evaluate is an integer: write true or false."),
     ("coordinates =", 'functions = "U"\ncoordinates =', 'functions must be a list of names: write functions = ["U"].'),
 ]
 
@@ -303,8 +300,6 @@ LEAN = (
 
 BOMBS = {
     "powers of powers": ("c", "a = '9**9'\nb = 'a**9'\nc = 'b**9'", "a power of a constant that is computed from"),
-    "sums of numbers": ("2**b", "a = '9 + 9'\nb = 'a'", "a power of a constant that is computed from several numbers"),
-    "a power of one over": ("c", "a = '9 + 9'\nb = '1/a'\nc = 'b**9'", "a power of a constant that is computed from"),
     "a large power": ("10**1000000", "", "the exponent 1e+06 is out of bounds"),
     "a large number": (
         "float(1, 5000, 53)*x",
@@ -317,14 +312,10 @@ BOMBS = {
     "parentheses": ("(" * 200 + "x" + ")" * 200, "", "nested more than 64 deep"),
     "a condition": ("1", "a = '(x if x < 0 else None)'\nb = '(x if a < 0 else 1)'", "cannot compare a value that has"),
     "a condition as a term": ("x + (x < 1)", "", "a comparison has no value of its own"),
-    "a condition as a value": ("x < 1", "", "a comparison has no value of its own"),
     "a number as a condition": ("x if x else 1", "", "a condition compares two values"),
-    "none": ("None", "", "a value is missing before 'None'"),
     "a call": ("open(x)", "", "'open' is not a function here"),
     "an infinity": ("1e999", "", "this has no finite value"),
     "a division": ("1/0", "", "a denominator is zero"),
-    "a product of two kinds": ("x*True", "", "a comparison has no value of its own"),
-    "an empty sum": ("sum()", "", "a value is missing"),
     "no arguments of float": ("float(x)", "", "float takes three whole numbers"),
 }
 

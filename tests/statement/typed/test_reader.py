@@ -41,11 +41,8 @@ def test_what_is_typed_is_read(line: str) -> None:
         ("g/2l", ["g/(2*l)", "g/2*l"]),
         ("d/dt m l^2 theta'", ["d/dt(m*l**2*theta_dot)", "d/dt(m)*l**2*theta_dot"]),
         ("d/dt (m l^2) theta'", ["d/dt(m*l**2)*theta_dot", "d/dt(m*l**2*theta_dot)"]),
-        ("g/l x", ["g/l*x", "g/(l*x)"]),
         ("sin theta^2", ["sin(theta**2)", "sin(theta)**2"]),
-        ("sin x/2", ["sin(x)/2", "sin(x/2)"]),
         ("g/(m l)(x - theta)", ["g/(m*l)*(x - theta)", "g/(m*l*(x - theta))"]),
-        ("sin omega x", ["sin(omega*x)", "sin(omega)*x"]),
         ("cos omega/(m + M)", ["cos(omega)/(m + M)", "cos(omega/(m + M))"]),
     ],
 )
@@ -75,13 +72,10 @@ PAIR = r"\begin{pmatrix} x \\ \theta \end{pmatrix}"
     ("text", "said"),
     [
         (r"\begin{pmatrix} x \end{vmatrix} = 0", "an answer has a matrix that is not read"),
-        ("Matrix([[x''], [theta'']]) = 0", "an answer has a matrix that is not read"),
         (rf"{PAIR} = \begin{{pmatrix}} x \\ x \\ x \end{{pmatrix}}", "a column has 3 rows, and one before it 2"),
         (r"\begin{pmatrix} x & m \end{pmatrix} = 0", "column 1: matrices that do not fit: expected is a column"),
         (rf"{PAIR}^2 = 0", "a column has no powers"),
-        (rf"\begin{{pmatrix}} x & m & g \end{{pmatrix}} {PAIR} = 0", "matrices that do not fit"),
         (r"\begin{pmatrix} x \\ & m \end{pmatrix} = 0", "an entry that is empty or a matrix"),
-        (rf"\begin{{pmatrix}} {PAIR} \end{{pmatrix}} = 0", "an answer has a matrix that is not read"),
         (r"\begin{pmatrix} x & x \\ x & x \end{pmatrix}" * 12 + PAIR, "the product of matrices is too long"),
     ],
 )
@@ -113,11 +107,8 @@ def test_words_before_an_equation_end_with_a_connecting_one(text: str) -> None:
     ("text", "word"),
     [
         ("m x'' = -k x mu", "mu"),
-        ("mass x'' = -k x", "mass"),
-        ("x'' = -g/l (sin thta)", "thta"),
         ("l tehta'' + g x = 0\nx'' = 0", "tehta"),
         ("x'' = 0\nc*theta_dot = 0", "c"),
-        ("x'' = -k (x) (foo + x)", "foo"),
         ("m x'' = -k x Newton's law", "Newton\u02bcs"),
     ],
 )
@@ -147,19 +138,15 @@ def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
     [
         ("thetaa' + foo = x", ["column 1: 'thetaa'", "Did you mean 'theta'?", "column 11: 'foo'"]),
         ("x + l3", ["'l3' is not a symbol of this system. For a power write l^3."]),
-        ("m (x + l", ["column 3: '(' is never closed"]),
         ("x) + m", ["column 2: ')' closes nothing"]),
         ("m'' = x", ["'m' has no derivative of this order here"]),
         (
             "m x'' = m x - q",
             ["column 15: 'q' is not", "Before the first fault it is read as m*x_ddot = m*x. The symbols"],
         ),
-        ("x''' = 0", ["'x' has no derivative of this order here"]),
         (r"x + \frac{d}{dt", ["'{' is never closed"]),
-        (r"\ddot\psi + x", ["column 1: 'psi' is not a symbol of this system. The symbols"]),
         (r"\foo x", [r"column 1: the LaTeX command \foo is not known here"]),
         ("x\x1b = 0", ["the character U+001B (control character) cannot stand in an equation"]),
-        ("x + = 0", ["a value is missing"]),
         ("m(x'') = l x') = -k x", ["column 14: ')' closes nothing"]),
         ("x = ", ["nothing stands right of the sign of equality"]),
         (
