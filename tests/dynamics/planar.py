@@ -60,11 +60,6 @@ def driven_linear() -> lg.System:
 
 
 @cache
-def double_well() -> lg.System:
-    return lg.System(kinetic=x.dot**2 / 2, potential=x**4 / 4 - x**2 / 2, forces={x: -0.25 * x.dot}, name="double well")
-
-
-@cache
 def star() -> lg.System:
     """Return a star in the galaxy of Henon and Heiles."""
     return lg.System(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,9 +10,8 @@ from scipy.special import ellipk
 from sympy import Eq, cos, pi, sign
 
 import lagrange as lg
-from lagrange.dynamics import portrait, section
-from lagrange.dynamics.axes import Axis
-from lagrange.dynamics.orbits import CLOSED, LINEAR_ERROR, PlaneWindow
+from lagrange.dynamics import section
+from lagrange.dynamics.orbits import CLOSED, LINEAR_ERROR
 from lagrange.dynamics.runs import Runs
 from lagrange.dynamics.section import EnergyLevel
 from lagrange.errors import StatementError
@@ -119,15 +116,6 @@ def test_an_orbit_runs_both_ways_until_it_leaves_the_window() -> None:
     assert orbit.at(np.array([0.0]))[0] == pytest.approx([2.5, 2.0], abs=1e-12)
 
 
-def test_the_field_and_the_window_are_those_of_the_system() -> None:
-    result = lg.phase_portrait(lg.System(kinetic=x.dot**2 / 2, potential=x**4 / 4 - x**2 / 2))
-    assert [place.kind for place in result.equilibria] == ["centre", "saddle", "centre"]
-    assert result.u.shape == result.v.shape == (len(result.y), len(result.x))
-    assert np.array_equal(result.u, np.broadcast_to(result.y[:, None], result.u.shape))
-    assert result.v == pytest.approx(np.broadcast_to(result.x - result.x**3, result.v.shape), abs=1e-12)
-    assert any(orbit.closed for orbit in result.orbits)
-
-
 def test_dry_friction_has_a_window_of_its_speeds_and_no_linear_kind() -> None:
     """Steps of an oscillator with dry friction end at its turning points, where it is at rest."""
     result = lg.phase_portrait(lg.System(x.dot**2 / 2, x**2 / 2, forces={x: -sign(x.dot) / 10}, initial={x: 1}))
@@ -193,35 +181,23 @@ def test_a_free_particle_rests_everywhere() -> None:
     assert "Every place is an equilibrium" in result.message
 
 
-def test_a_portrait_pickles() -> None:
-    result = pickle.loads(pickle.dumps(lg.phase_portrait(pendulum(), starts=[{theta: 1.0}])))
-    assert result.orbits[0].at(np.array([0.5])).shape == (1, 2)
-
-
 @pytest.mark.parametrize(
     ("system", "arguments", "says"),
     [
         (star, {}, "has 2 coordinates, and 4 entries of its state are free.*at=\\{'y': 0, 'y_dot': 0\\}.*lg.poincare"),
         (star, {"at": {y: 0, y.dot: 0}}, "no window is given.*window=\\{'x': \\(-3, 3\\), 'x_dot': \\(-5, 5\\)\\}"),
         (star, {"at": {y: 0}}, "3 entries of its state are free"),
-        (
-            star,
-            {"at": {y: 0, y.dot: 0}, "window": {x: (0, 1), y: (0, 1)}},
-            "window names x and y, but the entries of the state without",
-        ),
+        (star, {"at": {y: 0, y.dot: 0}, "window": {x: (0, 1), y: (0, 1)}}, "window names x and y, but the entries of"),
         (pendulum, {"at": {theta: 0}}, "the argument at has a value for an entry of the state"),
         (pendulum, {"window": {theta: (-3, 3)}}, "window has 1 entry, and a picture has two axes"),
-        (pendulum, {"window": {theta: (3, -3), theta.dot: (-1, 1)}}, "the range of theta is empty: 3 to -3"),
         (pendulum, {"window": {theta: 3, theta.dot: (-1, 1)}}, "the range of theta is 3: give \\(low, high\\)"),
         (pendulum, {"window": {theta: (-3, 3, 1), theta.dot: (-1, 1)}}, "number of values in the range of theta = 1"),
         (pendulum, {"window": {theta: (-3, 3), "theta": (-1, 1)}}, "window names theta twice"),
         (pendulum, {"at": {theta: 0}}, "pendulum has only two, and both are axes: leave at out"),
         (pendulum, {"starts": [{"phi": 1}]}, "start 0: initial names 'phi', which is not a coordinate"),
-        (pendulum, {"starts": []}, "starts is empty"),
         (pendulum, {"starts": np.zeros((2, 3))}, "starts has shape \\(2, 3\\): give \\(m, 2\\).*theta theta_dot"),
         (pendulum, {"starts": [[np.nan, 0.0]]}, "starts has entries that are not finite"),
         (pendulum, {"t_end": -1.0}, "t_end = -1: give a positive time to follow orbits"),
-        (duffing, {"parameters": {"f": 1}}, "'f' is not a parameter of this system"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(system: Any, arguments: dict[str, Any], says: str) -> None:
@@ -236,14 +212,6 @@ def test_constraints_and_what_is_no_system_are_refused() -> None:
     held = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=cos(x), constraints=[Eq(x, y)])
     with pytest.raises(StatementError, match="has constraints, so a phase portrait cannot be drawn: remove them"):
         lg.phase_portrait(held)
-
-
-def test_cells_of_states_beyond_all_bounds_are_the_border() -> None:
-    plane = Axis("x", 0, -1.0, 1.0, 3), Axis("x_dot", 1, -1.0, 1.0, 3)
-    work: Any = SimpleNamespace(plane=plane, window=PlaneWindow(plane, (False,), 1.0))
-    rows, columns = portrait._cells(work, np.array([[1e300, -np.inf], [-1e25, np.nan], [0.0, 0.0]]))
-    assert columns.tolist()[:2] == [portrait.CELLS + 1, 0] and rows.tolist()[:2] == [0, 0]
-    assert 1 <= rows[2] <= portrait.CELLS and 1 <= columns[2] <= portrait.CELLS
 
 
 # --- sections -------------------------------------------------------------------------------------------------
@@ -271,20 +239,6 @@ def test_points_are_on_the_section_and_keep_the_energy() -> None:
     assert np.abs(energies - ENERGY).max() < 1e-10
     assert result.drift == pytest.approx(np.abs(energies - ENERGY).max() / ENERGY, rel=0.1, abs=1e-14)
     assert result.axes == ("y", "y_dot")
-
-
-def test_an_orbit_is_that_of_a_single_run() -> None:
-    result = galaxy(crossings=40)
-    alone = lg.integrate(
-        star().compile(),
-        (0.0, 300.0),
-        {y: 0.3, x.dot: np.sqrt(2 * ENERGY - 0.09 + 2 * 0.027 / 3)},
-        rtol=1e-12,
-        events=[lg.event(x, direction=1, terminal=40)],
-    )
-    # The orbit is regular: differences of rounding grow in proportion to time.
-    assert result.times[0] == pytest.approx(alone.t_events[0], abs=1e-8)
-    assert result.states[0] == pytest.approx(alone.y_events[0], abs=1e-8)
 
 
 def test_the_border_is_around_all_points() -> None:
@@ -371,12 +325,7 @@ def test_ctrl_c_keeps_the_orbits_that_are_there(monkeypatch: pytest.MonkeyPatch)
         (star, x, {"energy": 1.0}, "give energy and solve_for together"),
         (star, x, {"energy": 1.0, "solve_for": x}, "solve_for is the coordinate x: give a velocity"),
         (star, x, {"energy": 1.0, "solve_for": "xdot"}, "solve_for names 'xdot'.*Did you mean 'x_dot'"),
-        (
-            star,
-            x,
-            {"energy": -1.0, "solve_for": x.dot},
-            "start 0 with x = 0, y = 0, y_dot = 0 has the energy 0 if x_dot is zero",
-        ),
+        (star, x, {"energy": -1.0, "solve_for": x.dot}, "start 0 with x = 0, y = 0, y_dot = 0 has the energy 0 if"),
         (star, x, {"skip": -1}, "skip = -1"),
         (star, "x", {}, "the event is 'x', a text"),
         (duffing, 0.0, {}, "the period of the section = 0: give a positive time"),

@@ -107,20 +107,6 @@ rho = lg.coordinate("rho")
 l = lg.parameters("l")
 
 
-@pytest.mark.parametrize(
-    ("place", "force"), [(x, k * x - k * l * sign(x)), (l * cos(theta), None), (x * cos(theta), None)]
-)
-def test_a_spring_along_a_line_has_no_sign_beside_a_magnitude(place: sympy.Expr, force: sympy.Expr | None) -> None:
-    potential = lg.spring(k, (place, 0), None, l)
-    system = lg.System(kinetic=m * (l**2 * theta.dot**2 + x.dot**2) / 2, potential=potential, coordinates=[theta, x])
-    for equation in system.equations():
-        for product in equation.lhs.atoms(sympy.Mul):
-            marks = {f.args[0] for f in product.args if isinstance(f, sympy.Abs)}
-            assert not marks & {f.args[0] for f in product.args if isinstance(f, sign)}, equation
-    if force is not None:
-        assert sympy.expand(system.equations()[1].lhs - m * x.ddot - force) == 0
-
-
 POLAR = (rho * cos(theta), rho * sympy.sin(theta))
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import sympy
-from sympy import Abs, Float, Heaviside, Max, Min, Rational, Symbol, cos, sign, sin, sqrt
+from sympy import Abs, Float, Heaviside, Max, Min, Rational, cos, sign, sin, sqrt
 
 import lagrange as lg
 from lagrange.equations import derivation as module
@@ -18,7 +18,8 @@ from lagrange.show.notebook.shown_derivation import written_derivation
 from lagrange.statement.coordinate import acceleration_of, coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.energy import gravity, kinetic_energy
-from tests.textbook.systems import pendulum_chain, value
+from tests.models import chain
+from tests.textbook.systems import value
 
 m, g, l, k, m1, m2, l1, l2, c, A, C = parameters("m g l k m1 m2 l1 l2 c A C")
 theta, phi, psi, x, y = coordinates("theta phi psi x y")
@@ -59,16 +60,6 @@ def test_sums_of_lengths_stay_together() -> None:
     assert str(solved) == "-(g*sin(theta(t)) + 2*Derivative(theta(t), t)*Derivative(x(t), t))/(l + x(t))"
 
 
-def test_spherical_pendulum_keeps_its_squares() -> None:
-    bob = (l * sin(theta) * cos(phi), l * sin(theta) * sin(phi), -l * cos(theta))
-    derivation = derive(declare(kinetic=kinetic_energy(m, bob), potential=gravity(m, bob, g), coordinates=[theta, phi]))
-    assert derivation.equations[0].lhs == m * l**2 * theta.ddot - m * l**2 * sin(theta) * cos(
-        theta
-    ) * phi.dot**2 + m * g * l * sin(theta)
-    assert derivation.mass_matrix == sympy.diag(m * l**2, m * l**2 * sin(theta) ** 2)
-    assert derivation.accelerations[phi] == -2 * cos(theta) * phi.dot * theta.dot / sin(theta)
-
-
 FREE = {"kinetic": m * x.dot**2 / 2}
 MAGNETIC = m * (x.dot**2 + y.dot**2) / 2 + c * (x * y.dot - y * x.dot) / 2
 GROWING = m * sympy.exp(t) * x.dot**2 / 2 + c * sin(t) * x.dot
@@ -88,15 +79,6 @@ GROWING = m * sympy.exp(t) * x.dot**2 / 2 + c * sin(t) * x.dot
 )
 def test_left_sides(stated: dict[str, Any], lefts: list[Any]) -> None:
     assert left_sides(**stated) == lefts
-
-
-def test_differences_keep_their_sign_in_fractions() -> None:
-    x1, x2 = coordinates("x1 x2")
-    derivation = derive(
-        declare(kinetic=m1 * x1.dot**2 / 2 + m2 * x2.dot**2 / 2, potential=c / sqrt((x1 - x2) ** 2 + l**2))
-    )
-    root = sqrt((x1 - x2) ** 2 + l**2)
-    assert derivation.accelerations == {x1: c * (x1 - x2) / (m1 * root**3), x2: -c * (x1 - x2) / (m2 * root**3)}
 
 
 def test_decimals_stay_decimals_and_halves_halves() -> None:
@@ -127,16 +109,6 @@ def test_second_derivatives_of_kinks_have_no_delta() -> None:
 # --- solving -------------------------------------------------------------------------------------------------------
 
 
-def test_three_coupled_coordinates_are_multiplied_out() -> None:
-    a, b = parameters("a b")
-    z = coordinate("z")
-    stated = a * (x.dot + y.dot) ** 2 + b * (y.dot + 2 * z.dot) ** 2 + c * (z.dot - x.dot) ** 2
-    derivation = derive(declare(kinetic=stated / 2, forces={x: 1, y: 2, z: 3}, coordinates=[x, y, z]))
-    solved = sympy.Matrix(list(derivation.accelerations.values()))
-    assert sympy.simplify(derivation.mass_matrix * solved - sympy.Matrix([1, 2, 3])) == sympy.zeros(3, 1)
-    assert sum(part.count_ops() for part in solved) < 60
-
-
 def test_a_pivot_that_vanishes_does_no_harm() -> None:
     derivation = derive(declare(lagrangian=x.dot * y.dot + theta.dot**2 / 2 - x * y, coordinates=[x, y, theta]))
     assert derivation.accelerations == {x: -x, y: -y, theta: 0}
@@ -146,26 +118,22 @@ def test_a_pivot_that_vanishes_does_no_harm() -> None:
 
 
 def test_long_formulas_are_refused_and_point_elsewhere() -> None:
-    angles = [coordinate(f"q{i}") for i in range(9)]
-    masses = [Symbol(f"m{i}", positive=True) for i in range(9)]
-    kinetic, potential = pendulum_chain(masses, [l] * 9, angles)
-    derivation = derive(declare(kinetic=kinetic, potential=potential, name="chain"))
+    derivation = derive(chain(9))
     assert len(derivation.equations) == 9
     with pytest.raises(StatementError) as refusal:
         _ = derivation.accelerations
     assert str(refusal.value) == (
-        "chain is too large for the solved accelerations to be written out in symbols (coordinates: q0, q1, q2, q3, "
-        "q4, q5, q6, q7, ...). compile() gives the same as numbers, of any size; equations() gives the equations "
+        "chain of 9 is too large for the solved accelerations to be written out in symbols (coordinates: a0, a1, a2, "
+        "a3, a4, a5, a6, a7, ...). compile() gives the same as numbers, of any size; equations() gives the equations "
         "before they are solved."
     )
 
 
 def test_a_spent_budget_refuses_in_words_and_leaves_the_other_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    kinetic, potential = pendulum_chain([m1, m2], [l1, l2], [theta1, theta1 + theta2])
     monkeypatch.setattr(module, "BUDGET", 20)
-    derivation = derive(declare(kinetic=kinetic, potential=potential, name="arm", coordinates=[theta1, theta2]))
+    derivation = derive(chain(2))
     with pytest.raises(
-        StatementError, match=r"^arm is too large for the equations of motion to be written out in symbols "
+        StatementError, match=r"^chain of 2 is too large for the equations of motion to be written out in"
     ):
         _ = derivation.equations
     monkeypatch.undo()

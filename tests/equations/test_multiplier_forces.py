@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from sympy import Rational, cos, sign, sin
+from sympy import Rational, cos, sign, sin, sqrt
 
 import lagrange as lg
 from lagrange.errors import StatementError
@@ -15,7 +15,7 @@ from tests.refusals import refusal
 
 x, y, z, theta = lg.coordinates("x y z theta")
 m, g, mu, slope, R, L = lg.parameters("m g mu slope R L")
-NORMAL = lg.multiplier("floor")
+NORMAL, WALL = lg.multiplier("floor"), lg.multiplier("wall")
 
 
 def incline(**more: Any) -> lg.System:
@@ -97,10 +97,7 @@ def test_random_systems_solve_the_bordered_equations(seed: int) -> None:
     [
         ({"forces": {x: -mu * abs(NORMAL)}}, "the force on x is not linear in lambda[floor]: give a coef"),
         (
-            {
-                "forces": {x: -mu * sympy.sqrt(NORMAL**2 + lg.multiplier("wall") ** 2)},
-                "constraints": {"floor": y, "wall": x - y},
-            },
+            {"forces": {x: -mu * sqrt(NORMAL**2 + WALL**2)}, "constraints": {"floor": y, "wall": x - y}},
             "the force on x is not linear in lambda[floor] and lambda[wall]: give a coefficient in coordinates, "
             "velocities and parameters times a multiplier, such as -mu*lambda[floor]*sign(x.dot), and end",
         ),

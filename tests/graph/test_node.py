@@ -373,17 +373,6 @@ def test_what_has_no_value(value: int) -> None:
 # Sums in terms of the sums they contain: the same values, and a chain of links becomes linear in its length.
 
 
-@given(st.lists(expressions(), min_size=1, max_size=3))
-def test_values_are_kept(forms: list[Forms]) -> None:
-    graph, symbols = new_graph()
-    nodes = [form.node(graph, symbols) for form in forms]
-    with mpmath.workdps(50):
-        at = {symbols[name]: mpmath.mpf(text) for name, text in POINTS[0].items()}
-        for new, old in zip(share_sums(graph, nodes), nodes, strict=True):
-            expected = evaluate(old, at)
-            assert abs(evaluate(new, at) - expected) <= mpmath.mpf(10) ** -25 * (1 + abs(expected))
-
-
 @given(
     st.lists(st.dictionaries(st.integers(0, 6), st.integers(-4, 4).filter(bool), min_size=2), min_size=2, max_size=7)
 )

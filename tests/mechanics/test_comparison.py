@@ -123,22 +123,6 @@ def test_a_sum_of_equations_with_a_wrong_term() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "charge-in-field",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("four-bar-change-point", "chain-of-springs")),
-    ],
-)
-def test_accelerations_of_zero_and_states_near_a_crossing(name: str) -> None:
-    """One coordinate moves freely and one is near zero. With five coordinates the message has no state."""
-    actual = shared_scene(name)
-    assert actual.compare(texts(rows(name)))
-    result = actual.compare(texts([*rows(name)[:-1], rows(name)[-1] + 1]))
-    assert "the term 1 should not be there." in result.message
-    assert ("At the state in .counterexample the two" in result.details) == (name == "chain-of-springs")
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize("sign", [1, -1])
 def test_equations_with_multipliers(sign: int) -> None:
@@ -175,21 +159,12 @@ def test_numbers_that_doubles_do_not_resolve_are_no_rounded_numbers(number: Any)
     [
         ([], "no equation is given: give a list with one for each coordinate."),
         (["heaviside(theta_ddot) = 1"], "equation 1 is not linear in theta_ddot: equations of motion are compared"),
-        (
-            ["k*theta_ddot"],
-            "equation 1, column 1: 'k' is not a symbol of this system. The symbols are theta, m, g and l, with",
-        ),
+        (["k*theta_ddot"], "equation 1, column 1: 'k' is not a symbol of this system. The symbols are theta, m, g"),
         (["g = g = g"], "equation 1, column 7: there are 2 signs of equality: write one equation with two sides."),
         ("d/dt(heaviside(theta)) = g", "equation 1 has the derivative of a jump, such as heaviside"),
-        (
-            [lg.multiplier("rod")],
-            "equation 1 contains the multiplier of 'rod', which is not a constraint here; the constraints are none.",
-        ),
+        ([lg.multiplier("rod")], "equation 1 contains the multiplier of 'rod', which is not a constraint here; the"),
         ([lg.coordinate("theta") ** (10**30)], "equation 1 contains the exponent 10000000000000000000"),
-        (
-            [lg.coordinate("theta") ** sp.Rational(10**9, 3)],
-            "equation 1 contains the exponent 1000000000/3, which is out of bounds: at most",
-        ),
+        ([lg.coordinate("theta") ** sp.Rational(10**9, 3)], "equation 1 contains the exponent 1000000000/3, which is"),
         ([nested(lg.coordinate("theta"), 350)], "equation 1 is nested too deeply to be compared: multiply it out"),
         (["x" * 30_000], "equation 1 has 30000 characters, more than the 8000 of an equation: shorten it."),
     ],

@@ -64,9 +64,7 @@ def test_a_given_function_is_an_input_too() -> None:
         assert (Matrix([[0, 1], [-k / m, 0]]), Matrix([0, 1 / m])) == (lin.A, lin.B)
     assert spring.linearize({x: 1, push: k}, inputs=[push]).equilibrium
     shaken = lg.System(m * (x.dot + pivot.dot) ** 2 / 2, k * x**2 / 2, coordinates=[x])
-    with pytest.raises(
-        StatementError, match=r"the statement contains derivatives of the input pivot, and in the term B u"
-    ):
+    with pytest.raises(StatementError, match="the statement contains derivatives of the input pivot, and in the term"):
         shaken.linearize(inputs=[pivot])
 
 
@@ -185,17 +183,10 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (
-            lambda: cart().linearize(WRONG),
-            "at is an int: give a dict from coordinate or velocity to value, such as {x: 0}.",
-        ),
+        (lambda: cart().linearize(WRONG), "at is an int: give a dict from coordinate or velocity to value, such as"),
         (lambda: cart().linearize({z: 0}), "at names 'z', which is not a coordinate, velocity or input; they are x, x"),
         (lambda: cart().linearize({}, inputs=["v"]), "inputs contains 'v', which is not a parameter of this system: c"),
-        (
-            lambda: rod().linearize({y: -l}, inputs=[x]),
-            "inputs contains 'x', which is a coordinate or a velocity: choose of m, g and l, or state the system with "
-            "the input, as in forces={x: u} with u = lg.given('u').",
-        ),
+        (lambda: rod().linearize({y: -l}, inputs=[x]), "inputs contains 'x', which is a coordinate or a velocity"),
         (
             lambda: lg.System(m * (x.dot + lg.given("X").dot) ** 2 / 2).linearize(inputs=[lg.given("X").ddot]),
             "the statement contains derivatives of the input X, and in the term B u of linear equations there are none"
@@ -204,22 +195,13 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
         (lambda: linear(T, **FILTER), "the constraint 'filter' contains the input u, so B would need the rate of u"),
         (lambda: linear(T, k * abs(x)), CORNER.format("x") + " so that they are not linear near it."),
         (lambda: linear(T, k * x**2, forces={x: -sign(x.dot)}), CORNER.format("x_dot")),
-        (
-            lambda: lg.System(T, k / x, initial={x: 1}, name="hill").modes(),
-            "the forces of hill, or their derivatives, have no value at x = 0: choose another point, or coordinates",
-        ),
+        (lambda: lg.System(T, k / x, initial={x: 1}, name="hill").modes(), "the forces of hill, or their derivatives"),
         (lambda: rod().linearize({y: -l, y.dot: 1}), "the velocities are not on the constraint 'rod', which is -2*l t"),
         (lambda: linear(PLANE, **MOVED), "the constraint 'constraint_1' depends on time: no point satisfies it at all"),
         (lambda: linear(PLANE, **STILL), "the constraints allow no motion to linearize: leave one"),
         (lambda: linear(PLANE + z.dot**2, **CROSSED), "the constraints are dependent at this point, so choose another"),
-        (
-            lambda: linear(x**2 * x.dot**2, k * x, initial={x: 1}),
-            "the mass matrix of system is singular at this point, which is not an equilibrium: its accelerations are",
-        ),
-        (
-            lambda: linear(x**2 * x.dot**2, k * x**2, initial={x: 1}).A,
-            "the mass matrix is singular at this point, so A and B do not exist (M, C and K do). Choose",
-        ),
+        (lambda: linear(x**2 * x.dot**2, k * x, initial={x: 1}), "the mass matrix of system is singular at this"),
+        (lambda: linear(x**2 * x.dot**2, k * x**2, initial={x: 1}).A, "the mass matrix is singular at this point, so"),
     ],
 )
 def test_refusals(call: Any, words: str) -> None:

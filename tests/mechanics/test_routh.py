@@ -80,12 +80,7 @@ def plain(**more: Any) -> lg.System:
     [
         (plain, (), "routhian() has no arguments: give a coordinate that is ignorable."),
         (plain, (x, y), "every coordinate of pair would be ignored: without one nothing is left to move."),
-        (
-            lambda: plain(dissipation=c * x.dot**2 / 2),
-            (x,),
-            "x is not ignorable: the force '-c*Derivative(x(t), t)' changes its momentum, which has to be a constant. "
-            "Choose another coordinate.",
-        ),
+        (lambda: plain(dissipation=c * x.dot**2 / 2), (x), "x is not ignorable: the force '-c*Derivative(x(t), t)'"),
         (lambda: plain(constraints={"tie": x - y}), (x,), "x is not ignorable: the constraint 'tie' acts on it. elimi"),
         (lambda: plain(forces={y: -x}), (x,), "x is not ignorable: the force on y depends on it. Choose another coord"),
         (
@@ -106,9 +101,7 @@ def test_refusals(make: Any, expected: Any, words: str) -> None:
 
 def test_a_run_of_another_system_is_refused() -> None:
     for run in (plain().run(0.1, parameters={m: 1}), 7):
-        with pytest.raises(
-            StatementError, match=r"this is not a run of a Routhian of pair: run routhian\(...\) of this"
-        ):
+        with pytest.raises(StatementError, match=r"this is not a run of a Routhian of pair: run routhian\(...\) of"):
             plain().ignored(run)
 
 
@@ -116,9 +109,7 @@ def test_a_run_of_another_system_is_refused() -> None:
 def test_a_velocity_that_varies_too_fast_is_not_rebuilt() -> None:
     system = lg.System((x.dot**2 + y.dot**2) / 2, sympy.Rational(1, 2) * 10**8 * x**2 - x * y.dot, initial={x: 1.0})
     run = system.routhian(y).run(1.0, rtol=1e-6, t_eval=[0.0, 1.0])
-    with pytest.raises(
-        RunError, match=r"y cannot be computed to 1e-12: its velocity varies too fast between the output"
-    ):
+    with pytest.raises(RunError, match="y cannot be computed to 1e-12: its velocity varies too fast between the"):
         system.ignored(run)
 
 

@@ -89,15 +89,6 @@ def test_the_error_falls_with_the_order(system: lg.System, at: dict[Any, float],
     assert near <= 10 ** (0.5 - order) * far and near < far
 
 
-@pytest.mark.slow
-def test_forces_have_one_order_less_and_dissipation_has_all() -> None:
-    for order, force in ((2, a * sin(lg.t) * theta), (4, a * sin(lg.t) * (theta - theta**3 / 6) - theta.dot**3)):
-        small = FORCED.small({x: 0}, order=order).statement
-        assert small.forces[0] == 0 and sympy.expand(small.forces[1] - force) == 0
-    assert FORCED.small().statement.dissipation == c * x.dot**2 / 2
-    assert sympy.expand(FORCED.small(order=3).statement.dissipation - c * (1 + x / 2) * x.dot**2 / 2) == 0
-
-
 def test_constraints_are_expanded_with_their_curvature() -> None:
     rod = shared_scene("cartesian-pendulum")
     length = next(p for p in rod.statement.parameters if p.name == "l")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import pytest
 import sympy
 from sympy import Rational, asin, cos, sin, sqrt
 
@@ -88,27 +87,6 @@ def test_symmetric_top_by_routh() -> None:
     p, n = sympy.symbols("p_phi p_psi", real=True)
     book = (p - n * cos(theta)) ** 2 / (2 * I1 * sin(theta) ** 2) + n**2 / (2 * I3) + m * g * l * cos(theta)
     assert same(top().routhian(phi, psi).statement.potential, book)
-
-
-@pytest.mark.slow
-def test_foucault() -> None:
-    """Landau, section 39, problem 3: the plane of a pendulum turns with w = W sin(latitude)."""
-    plane = lg.System(
-        lagrangian=m * (x.dot**2 + y.dot**2) / 2 + m * w * (x * y.dot - y * x.dot) - m * g * (x**2 + y**2) / (2 * l),
-        coordinates=[x, y],
-    )
-    slow, fast = plane.modes().frequencies
-    assert same((fast - slow) / 2, w)
-    assert same(fast * slow, g / l)
-
-
-def test_triatomic_molecule() -> None:
-    """Goldstein, section 6.4: w^2 = 0, k/m and (k/m)(1 + 2 m/M)."""
-    molecule = lg.System(
-        m * (x.dot**2 + z.dot**2) / 2 + M * y.dot**2 / 2, k * ((y - x) ** 2 + (z - y) ** 2) / 2, coordinates=[x, y, z]
-    ).modes()
-    match([f**2 for f in molecule.frequencies], [0, k / m, k / m * (1 + 2 * m / M)])
-    match(list(molecule.shapes[2]), [1, -2 * m / M, 1])
 
 
 def test_cycloid() -> None:

@@ -108,20 +108,11 @@ def test_an_initial_state_may_be_given_in_the_new_coordinates() -> None:
     ("given", "more", "words"),
     [
         ([x], {}, "transform takes a dict from coordinates to expressions in new ones, as {x: r*cos(phi), y: r*sin("),
-        (
-            {x: away * cos(turn)},
-            {},
-            "the expressions for x have 2 new coordinates (away and turn), and 1 are replaced: a transformation needs "
-            "as many. With more, the new coordinates are not",
-        ),
+        ({x: away * cos(turn)}, {}, "the expressions for x have 2 new coordinates (away and turn), and 1 are"),
         ({x: r, y: 2 * r}, {}, "the expressions for x and y have 1 new coordinates (r), and 2 are replaced: a transf"),
         ({x: away + turn, y: 2 * away + 2 * turn}, {}, "x and y do not vary independently with away and turn: the det"),
         ({x: away, y: turn}, {"positive": x}, "positive contains x(t), which is not a new coordinate; they are away"),
-        (
-            ROUND,
-            {"initial": 3},
-            "initial is an int: give a dict from new coordinate or velocity to value, such as {r:",
-        ),
+        (ROUND, {"initial": 3}, "initial is an int: give a dict from new coordinate or velocity to value, such as {r"),
         ({x: exp(u) + 2}, {}, "no values of u were found at which x = 1, from 256 starts: give initial={u: ...}"),
     ],
 )
@@ -131,14 +122,9 @@ def test_refusals(given: Any, more: Any, words: str) -> None:
 
 def test_a_singular_initial_state_is_refused() -> None:
     # At x = y = 0 any angle will do; one that starts with y.dot = 1 needs another than zero.
-    with pytest.raises(
-        StatementError, match=r"the initial velocities have no values in the new coordinates, which are singular"
-    ):
+    with pytest.raises(StatementError, match="the initial velocities have no values in the new coordinates, which"):
         particle(initial={y.dot: 1.0}).transform(ROUND)
-    with pytest.raises(
-        StatementError,
-        match=r"the initial state in the new coordinates needs a value of mu: give one, or initial=\{u: \.\.\.\}\.",
-    ):
+    with pytest.raises(StatementError, match="the initial state in the new coordinates needs a value of mu: give one"):
         lg.System(x.dot**2, initial={x: 1.0}).transform({x: mu * u})
 
 

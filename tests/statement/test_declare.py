@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import random
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy
-from sympy import cos, sin
+from sympy import cos
 from sympy.physics.mechanics import dynamicsymbols
 
 import lagrange as lg
@@ -29,7 +28,7 @@ from lagrange.statement.coordinate import (
 from lagrange.statement.declare import declare, initial_state
 from lagrange.statement.parameters import Survey, parameter_values
 from lagrange.statement.run_settings import RunSettings
-from lagrange.statement.statement import Link, Statement
+from lagrange.statement.statement import Statement
 from lagrange.system import System
 from tests.refusals import refusal
 
@@ -48,28 +47,6 @@ def refused(**changes: Any) -> str:
         pendulum(**changes)
     assert isinstance(caught.value, ValueError)
     return str(caught.value)
-
-
-def test_a_pendulum() -> None:
-    result = pendulum(
-        forces={theta: -3 * theta.dot},
-        dissipation=theta.dot**2,
-        parameters={m: 1, "g": 9.81, l: None},
-        initial={theta: 2, theta.dot: 0.5},
-        positions={"bob": (l * sin(theta), -l * cos(theta))},
-        links=[("origin", "bob")],
-        name="pendulum",
-    )
-    assert result.coordinates == (theta,)
-    assert (result.kinetic, result.potential, result.lagrangian) == (T, V, T - V)
-    assert result.forces == (-3 * theta.dot,)
-    assert result.dissipation == theta.dot**2
-    assert set(result.parameters) == {m, g, l}
-    assert result.defaults == {m: 1.0, g: 9.81}
-    assert result.initial == (2.0, 0.5)
-    assert result.positions == {"bob": (l * sin(theta), -l * cos(theta))}
-    assert result.links == (Link("origin", "bob"),)
-    assert result.name == "pendulum"
 
 
 def test_a_lagrangian_alone() -> None:
@@ -106,7 +83,6 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"constraints": x - y}, "give a list such as [x**2 + y**2 - l**2], or a dict such as {'rod': "),
     ({"constraints": ["x - y"]}, "constraint 'constraint_1' is the text 'x - y': give a SymPy expression that is zero"),
     ({"constraints": {"rod": lambda x, y: 0}}, "(function): give one SymPy expression."),
-    ({"constraints": {"rod": (x, y)}}, "constraint 'rod' is (x(t), y(t)) (tuple): give one SymPy expression"),
     ({"constraints": [x > 0]}, "an inequality. Constraints are equations: state the equation that holds, and end the"),
     ({"constraints": [x == y]}, "constraint 'constraint_1' is never true: no motion satisfies it. Where == was meant"),
     ({"constraints": [x - x]}, "constraint 'constraint_1' is 0 = 0, which always holds: leave it out."),
@@ -122,16 +98,11 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"kinetic": None, "potential": None, "lagrangian": cos(theta)}, "the Lagrangian does not contain theta.dot, so"),
     ({"potential": 0**theta}, "the potential energy contains 0**theta(t): a power of zero jumps where its exponent"),
     # coordinates
-    ({"kinetic": m, "potential": 0}, "no coordinates: the energies contain no function of time."),
     ({"coordinates": theta}, "coordinates is theta(t): give a list, such as [theta(t)]."),
     ({"coordinates": [theta, m]}, "coordinates contains m, which is not a coordinate: make one with lg.coordinate('x'"),
-    ({"coordinates": [theta, theta]}, "coordinate theta is listed twice: name each coordinate once."),
     ({"coordinates": [theta, x]}, "the kinetic energy does not contain x.dot, so x has no inertia"),
     ({"coordinates": [theta, x]}, "add its kinetic energy, or make x a parameter, or with lg.given('x') a given funct"),
-    (
-        {"potential": V + x, "coordinates": [theta]},
-        "x is a function of time that is not among the declared coordinates",
-    ),
+    ({"potential": V + x, "coordinates": [theta]}, "x is a function of time that is not among the declared"),
     ({"potential": V * coordinate("thet"), "coordinates": [theta]}, "Did you mean 'theta'?"),
     # forces
     ({"forces": {x: 1}}, "does not contain x.dot, so x has no inertia"),
@@ -140,7 +111,6 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"forces": {theta: x}}, "Is x a coordinate or a given motion?"),
     ({"forces": {theta: theta.ddot}}, "the force on theta contains the derivative of order 2 of theta"),
     # parameters
-    ({"parameters": {m: "1"}}, "parameter m is '1' (str): give a number."),
     ({"parameters": {m: 1, "m": 2}}, "parameters has m twice, by its symbol and by its name: give it once."),
     ({"parameters": {"theta": 1}}, "theta is both a coordinate and a parameter: rename one."),
     ({"potential": sympy.Symbol("theta")}, "use lg.coordinate('theta') there."),
@@ -150,23 +120,16 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     # initial state
     ({"initial": np.ones(2)}, "initial is an array: give a dict such as {theta: 1.0}; what is not named keeps its"),
     ({"initial": {"phi": 1}}, "initial names 'phi', which is not a coordinate or velocity of this system; they are th"),
-    ({"initial": {"thta": 1}}, "Did you mean 'theta'?"),
     ({"initial": {theta: "30deg"}}, "theta is '30deg', a text: give a number, in radians, as math.radians(30)."),
     ({"initial": {theta.dot: m}}, "the initial value of theta_dot is m, an expression with symbols in it"),
     # what has no effect, or is not a velocity
     ({"dissipation": m * theta**2}, "the dissipation is m*theta(t)**2, without a velocity, and its force"),
-    (
-        {"kinetic": m * sympy.Symbol("thetadot") ** 2, "potential": theta},
-        "the kinetic energy contains the plain symbol thetadot, which is not a velocity: write theta.dot for it, with",
-    ),
+    ({"kinetic": m * sympy.Symbol("thetadot") ** 2, "potential": theta}, "the kinetic energy contains the plain"),
     (
         {"kinetic": m * sympy.Symbol("thetadot") ** 2, "potential": 0, "coordinates": None, "initial": {}},
         "thetadot is a plain symbol, not a velocity: make theta = lg.coordinate('theta'), and write theta.dot for it.",
     ),
     # positions and links
-    ({"positions": {"bob": 3}}, "the position of bob is 3: give two or three expressions, (x, y) or (x, y, z)."),
-    ({"positions": {"a": (0, 0), "b": (0, 0, 0)}}, "positions mixes points in the plane with points in space"),
-    ({"links": [("origin", "bob")]}, "links names 'bob', which is not a position; they are origin."),
     ({"links": ["origin"]}, "links contains 'origin': give pairs of point names, such as ('origin', 'bob')"),
     ({"positions": {"bob": (0, 0)}, "links": [("origin", "bob", "sprnig")]}, "Did you mean 'spring'?"),
 ]
@@ -419,14 +382,3 @@ def test_the_latest_calls_that_declare_all_names_count() -> None:
     assert order("abcd", "ac", "bd", names="abcd") == "acbd"
     assert order("abcd", "ca", names="abcd") == "abcd" and order("abcd", "ca", names="ac") == "ca"
     assert order("xy", "azx", names="xy") == "xy"
-
-
-def test_earlier_declarations_have_no_effect() -> None:
-    draw = random.Random(5)
-    letters = "abcdefgh"
-    for _ in range(200):
-        before, program = (["".join(draw.sample(letters, draw.randint(1, 4))) for _ in range(6)] for _ in range(2))
-        program.append("".join(set(letters).difference(*program)))
-        names = "".join(draw.sample(letters, 5))
-        assert order(*before, *program, names=names) == order(*program, names=names)
-        assert order(*before, *letters, names=letters) == letters

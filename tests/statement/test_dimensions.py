@@ -85,13 +85,10 @@ PLANTED: list[tuple[dict[str, Any], str, Any, Any]] = [
     (SLIDING, "kinetic", m * x.dot * theta.dot * cos(theta), M * x.dot**2 / 2 + m * x.dot * theta.dot * cos(theta)),
     (SLIDING, "potential", k * theta**2 / 2, SLIDING["potential"] + k * theta**2 / 2),
     (SLIDING, "forces", -c * theta.dot, {x: -c * x.dot, theta: -c * theta.dot}),
-    (SLIDING, "dissipation", c * theta.dot**2 / 2, c * x.dot**2 / 2 + c * theta.dot**2 / 2),
     (SLIDING, "positions", sin(theta), {"bob": (x + sin(theta), -l * cos(theta))}),
-    (HOOP, "kinetic", w * sin(theta) ** 2, m * R**2 * (theta.dot**2 + w * sin(theta) ** 2) / 2),
     (HOOP, "constraints", -x, {"gear": phi - x + 2 * theta}),
     (SPRING, "potential", -1, k * (r - 1) ** 2 / 2 - m * g * r * cos(theta)),
     (SPRING, "potential", -(r**2) / R, k * (r - l) ** 2 / 2 + k * R**2 * exp(-(r**2) / R)),
-    (SPRING, "forces", w**2 * lg.t, {r: k * l * cos(w**2 * lg.t)}),
     (ROD, "potential", -(l**2), m * g * y + k * (sqrt(x**2 + y**2) - l**2) ** 2 / 2),
     (CHARGE, "lagrangian", -x.dot, m * (x.dot**2 + y.dot**2) / 2 + q0 * B * (x * y.dot - x.dot) / 2),
 ]
@@ -159,14 +156,8 @@ def test_dimensions_are_read_from_text_and_from_sympy(given: Any, shown: str) ->
     [
         ("mass", "dimensions is 'mass': give a dict from symbols to dimensions, such as {m: 'mass', l: 'length'}."),
         ({m: "mas"}, "the dimension of m is 'mas', which is neither a dimension nor a unit. Did you mean 'mass'?"),
-        ({m: "Kg"}, "the dimension of m is 'Kg', which is neither a dimension nor a unit. Did you mean 'kg'?"),
         ({g: "n/kg"}, "the dimension of g is 'n/kg', and 'n' is neither a dimension nor a unit. Did you mean 'N'?"),
-        (
-            {l: "furlong"},
-            "the dimension of l is 'furlong', which is neither a dimension nor a unit. Known are dimensions",
-        ),
         ({m: 3}, "the dimension of m is 3: give a dimension or a unit, such as 'length', 'm/s**2' or sympy.physics"),
-        ({m: "mass + length"}, "the dimension of m is 'length + mass', which is not a product of powers of dimensions"),
         ({m: "__import__('os')"}, "the dimension of m is \"__import__('os')\", which is not a product of dimensions"),
         ({"n": "mass"}, "dimensions names 'n', which this system does not have; its symbols are t, theta, "),
         ({m: "mass**w"}, "the dimension of m is 'mass**w', and 'w' is neither a dimension nor a unit. "),
@@ -177,9 +168,7 @@ def test_refusals(given: Any, message: str) -> None:
 
 
 def test_for_a_number_without_a_unit_a_parameter_is_advised() -> None:
-    with pytest.raises(
-        StatementError, match=r"it should be length\. A number has no unit: put a parameter in its place"
-    ):
+    with pytest.raises(StatementError, match=r"it should be length\. A number has no unit: put a parameter in its"):
         lg.System(m * x.dot**2 / 2, k * x**2, positions={"mass": (x, 1)}, dimensions={m: "kg", x: "m"})
 
 

@@ -82,38 +82,23 @@ def test_what_is_stated_is_real() -> None:
 
 REFUSALS: list[tuple[Any, str]] = [
     (lambda: kinetic_energy(m, "x"), "the position is the text 'x': give SymPy expressions."),
-    (
-        lambda: kinetic_energy(m, (y, x.dot)),
-        "the position contains x.dot, a rate: give the place in x, or write the energy yourself, such as m*x.dot**2/2. "
-        "kinetic_energy takes a place, and rotational_energy a rate.",
-    ),
+    (lambda: kinetic_energy(m, (y, x.dot)), "the position contains x.dot, a rate: give the place in x, or write the"),
     (lambda: kinetic_energy(m, y * x.ddot), "the position contains x.ddot, an acceleration: give the place in x"),
     (lambda: kinetic_energy(m, (nested(x, 350), y)), "nested too deeply for SymPy: give symbols to its inner parts"),
     (lambda: kinetic_energy(m, []), "the position is empty: give at least one component."),
     (lambda: gravity(m, [x, y], g, up=[0, 0, 1]), "up has 3 components and the position 2: give both the same number."),
     (lambda: rotational_energy(i1, x), "the angular velocity is x, an angle: give its rate, such as x.dot."),
     (lambda: rotational_energy(i1, y.dot + x), "the angular velocity has the term x, an angle: give its rate, such as"),
-    (lambda: rotational_energy(i1, k * sympy.atan(y / x)), "the angular velocity is k*atan(y/x), an angle: give its r"),
-    (lambda: rotational_energy(i1, y.dot - x * (1 - k)), "has the term -x in -x*(1 - k) + y.dot, an angle: give its"),
     (lambda: rotational_energy(i1, x.dot * (y + x.dot)), "has the term x.dot**2 in x.dot*(x.dot + y), a product of"),
     (lambda: rotational_energy(i1, sympy.sin(x)), "the angular velocity is sin(x), a number without a rate: give its"),
     (lambda: rotational_energy(i1, y.dot + k / l * sympy.sin(x)), "the angular velocity has the term k*sin(x)/l, a nu"),
     (lambda: rotational_energy(i1, [0, 0, x.ddot]), "component 2 of the angular velocity contains x.ddot, an accelera"),
     (lambda: rotational_energy(i1, k * lg.t), "the angular velocity is k*t, an angle or its function: give its rate,"),
-    (
-        lambda: rotational_energy(i1, y.dot + x.dot**2),
-        "the angular velocity has the term x.dot**2, a product of rates: give its rate, such as x.dot, whose square is",
-    ),
+    (lambda: rotational_energy(i1, y.dot + x.dot**2), "the angular velocity has the term x.dot**2, a product of"),
     (lambda: rotational_energy(i1, [0, 0, lg.rotation("R").body[2] ** 2]), "the term R_body_z**2, a product of rates"),
-    (
-        lambda: rotational_energy([1, -2, 1], [w1, w2, w3]),
-        "the inertia has the moment -2 below zero, which no body has",
-    ),
+    (lambda: rotational_energy([1, -2, 1], [w1, w2, w3]), "the inertia has the moment -2 below zero, which no body"),
     (lambda: rotational_energy([[1, 2], [2, 1]], [w1, w2]), "the inertia has a principal moment below zero"),
-    (
-        lambda: rotational_energy([[i1, k], [0, i2]], [w1, w2]),
-        "the inertia is not symmetric: entry (0, 1) is k, and entry (1, 0) is 0. Both are the same product of inertia.",
-    ),
+    (lambda: rotational_energy([[i1, k], [0, i2]], [w1, w2]), "the inertia is not symmetric: entry (0, 1) is k, and"),
     (lambda: spring(k, [x, y], [0]), "the ends of the spring have 2 and 1 components: give both the same number."),
 ]
 

@@ -171,11 +171,6 @@ def test_the_events_of_a_scene_act_on_its_runs_and_on_copies_of_it() -> None:
     assert ball.run(2.0, events=[], target="numpy").t[-1] == 2.0
 
 
-def test_a_derived_system_has_no_events_of_the_scene() -> None:
-    ball = lg.System.from_statement(SceneReader("", BALL).statement())
-    assert ball.substitute({"m": 2}).statement.run.events == ()
-
-
 @pytest.mark.parametrize(
     ("right", "wrong", "line", "words"),
     [

@@ -89,13 +89,6 @@ def test_an_expression_is_put_in_for_a_run() -> None:
     assert "X = a*sin(w*t)" in driven.derivation().text()
 
 
-def test_an_expression_may_have_corners() -> None:
-    X = lg.given("X", sympy.Abs(t - 1) + sympy.Max(t, 2) + sympy.Heaviside(t - 1))
-    run = pendulum(X).run(3.0, t_eval=[0.5, 1.5, 2.5])
-    for leaf, expected in ((X, [2.5, 3.5, 5.0]), (X.dot, [-1.0, 1.0, 2.0]), (X.ddot, [0.0, 0.0, 0.0])):
-        np.testing.assert_allclose(run.evaluate(leaf), expected, atol=1e-14)
-
-
 TABLE = lg.given("X", (TIMES, TIMES**3 / 9))
 
 

@@ -1,79 +1,16 @@
-"""Hostile expressions in every field that takes one: refused, quickly, and nothing runs."""
+"""Hostile expressions and scenes: refused, and nothing runs."""
 
 from __future__ import annotations
 
-import gc
 import json
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
-import pytest
-
-from lagrange.errors import SceneError
-from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.vocabulary.functions import WORDS
 from tests.statement.attacks import ATTACKS, CANARY
-from tests.statement.scenes import DROP, LEAN, write
 
 ROOT = Path(__file__).resolve().parents[2]
-SECONDS = 0.1
-
-FIELDS: dict[str, Callable[[str], dict[str, Any]]] = {
-    "kinetic": lambda text: {"kinetic": text},
-    "potential": lambda text: {"potential": text},
-    "lagrangian": lambda text: {"lagrangian": text, "kinetic": DROP},
-    "forces": lambda text: {"forces": {"theta": text}},
-    "dissipation": lambda text: {"dissipation": text},
-    "constraints": lambda text: {"constraints": [text]},
-    "positions": lambda text: {"positions": {"bob": ["0", text]}},
-    "parameters": lambda text: {"parameters": {"m": text}},
-    "initial": lambda text: {"initial": {"theta": text}},
-    "run": lambda text: {"run": {"t_end": text}},
-}
-
-
-@pytest.fixture(autouse=True)
-def still() -> Iterator[None]:
-    """Collect garbage first, so that it does not count in measured times."""
-    gc.disable()
-    yield
-    gc.enable()
-
-
-def refusal_of(path: Path) -> tuple[SceneError | None, float]:
-    """Return the refusal of a scene, or None, and the processor time."""
-    start = time.process_time()
-    try:
-        read_scene(path)
-    except SceneError as error:
-        return error, time.process_time() - start
-    return None, time.process_time() - start
-
-
-@pytest.mark.few(5)
-@pytest.mark.parametrize("field", FIELDS)
-def test_every_attack_is_refused_in_every_field(field: str, tmp_path: Path, everything: bool) -> None:
-    read_scene(write(tmp_path, LEAN))
-    # One attack in six meets each field, and each attack a field at least, unless all are asked for.
-    first, every = (0, 1) if everything else (list(FIELDS).index(field) % 6, 6)
-    for attack in ATTACKS[first::every]:
-        path = write(tmp_path, LEAN, **FIELDS[field](attack))
-        error, seconds = refusal_of(path)
-        assert error is not None, attack
-        assert error.line, attack
-        assert error.column, attack
-        assert error.file == str(path)
-        assert len(str(error)) < len(str(path)) + 500, attack
-        assert str(error).isprintable(), attack
-        if seconds > SECONDS:  # once more, in case the machine was busy
-            _, seconds = refusal_of(path)
-        assert seconds < SECONDS, attack
-    assert list(tmp_path.iterdir()) == [path]
-
 
 READER = """
 import json, sys
@@ -136,6 +73,7 @@ def test_reading_runs_imports_opens_and_spawns_nothing(tmp_path: Path, everythin
         text=True,
         cwd=ROOT,
         check=True,
+        timeout=300,
     )
     answer = json.loads(result.stdout)
     assert answer["refused"] == 1 + 2 * len(attacks)

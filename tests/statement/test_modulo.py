@@ -99,12 +99,3 @@ def check_there_and_back(run: lg.Solution, close: float) -> None:
 def test_taylor_ends_a_step_on_each_jump() -> None:
     run = thrown(sympy.Mod(x, 1) - 1).run(5.5, rtol=1e-13, events=[x.dot])
     check_there_and_back(run, 1e-11)
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
-def test_every_method_does_where_an_event_counts_the_jumps(method: str) -> None:
-    above, below = lg.event(x - n - 1, direction=1, reset={n: n + 1}), lg.event(x - n, direction=-1, reset={n: n - 1})
-    run = thrown(x - n - 1).run(5.5, method=method, rtol=1e-11, events=[x.dot, above, below])
-    assert [new["n"] for _, new in run.parameter_changes] == [1, 2, 1, 0]
-    check_there_and_back(run, 1e-8)

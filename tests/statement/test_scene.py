@@ -69,20 +69,9 @@ def test_energies_may_be_numbers(tmp_path: Path) -> None:
 
 
 def test_names_may_be_greek_letters(tmp_path: Path) -> None:
-    result = read_scene(
-        write(
-            tmp_path,
-            coordinates=["θ"],
-            kinetic="m*θ_dot**2/2",
-            potential="-Ω*cos(2*θ)",
-            forces=DROP,
-            positions=DROP,
-            links=DROP,
-            parameters={"m": 1.0, "Ω": 2.0},
-            initial={"θ": 1.0, "θ_dot": 2.0},
-        )
-    )
-    assert result.names == ("θ",) and result.initial == (1.0, 2.0)
+    energies = {"kinetic": "m*θ_dot**2/2", "potential": "-Ω*cos(2*θ)"}
+    result = read_scene(write(tmp_path, energies, coordinates=["θ"], parameters={"m": 1, "Ω": 2}, initial={"θ_dot": 2}))
+    assert result.names == ("θ",) and result.initial == (0.0, 2.0)
     assert result.potential == -sympy.Symbol("Ω", real=True) * sympy.cos(2 * coordinate("θ"))
 
 
@@ -96,10 +85,8 @@ FIELDS: list[Bad] = [
     ({"name": "../etc"}, 1, 8, "a scene's name must have 1 to 64 printable characters"),
     ({"about": "\x1b[2J"}, 11, 9, "about contains a control character: write plain text."),
     ({"constraints": "theta"}, 11, 15, "constraints is a text: write a table [constraints] of names and values."),
-    ({"constraints": {"0": "theta"}}, 11, 22, "'0' cannot name a constraint"),
     ({"constraints": ["theta >= 1"]}, 11, 16, "constraints[0] is an inequality. Constraints are equations"),
     ({"constraints": ["theta = 1"]}, 11, 23, "for an equation or a comparison write =="),
-    ({"constraints": ["theta - q"]}, 11, 25, "constraints[0]: 'q' is not declared"),
     # coordinates
     ({"coordinates": DROP}, 1, 1, 'there are no coordinates: write coordinates = ["theta"].'),
     ({"coordinates": []}, 2, 15, "there are no coordinates"),
@@ -121,22 +108,16 @@ FIELDS: list[Bad] = [
     ({"dissipation": "theta_dot^2"}, 11, 25, "dissipation: '^' is not allowed in an expression: write ** for a power."),
     # forces
     ({"forces": {"phi": "1"}}, 5, 11, "'phi' is not a coordinate of this scene; there are theta."),
-    ({"forces": {"theta": "2*x"}}, 5, 24, "forces.theta: 'x' is not declared"),
     # parameters
     ({"parameters": {"m": True}}, 6, 21, 'parameters.m is true or false: give a number, or a constant'),
     ({"parameters": {"theta": 1}}, 6, 15, "'theta' cannot name a parameter, because it is a coordinate already"),
     # initial state
     ({"initial": {"phi": 1}}, 7, 12, "'phi' is not a coordinate or velocity of this scene; there are theta and"),
-    ({"initial": {"theta": "2*m"}}, 7, 25, "initial.theta: 'm' is not allowed in a constant"),
     # positions and links
-    ({"positions": {"origin": ["0", "0"]}}, 8, 25, "'origin' is the point at zero already: choose another name."),
-    ({"positions": {"bob": "x"}}, 8, 22, "positions.bob is a text: give a list of expressions, such as"),
     ({"positions": {"bob": ["0", "l*sin(phi)"]}}, 8, 35, "positions.bob[1]: 'phi' is not declared"),
     ({"links": [["origin", "bobb"]]}, 9, 21, "links names 'bobb', which is not a position; they are origin and bob."),
     # run
-    ({"run": {"tend": 1}}, 10, 8, "'tend' is not a setting of [run]; there are t_end, method, rtol, atol and step."),
     ({"run": {"t_end": 0}}, 10, 18, "t_end is 0: give the time at which the run ends, other than the start."),
-    ({"run": {"method": 3}}, 10, 19, "method is an integer: give a text in quotation marks."),
     ({"run": {"method": "rm -rf /"}}, 10, 19, "method is not a name of a method: write one such as 'dop853'."),
 ]  # fmt: skip
 
@@ -159,16 +140,6 @@ def test_numbers_are_finite(value: str, tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"parameters.g is -?(nan|inf): give a finite number") as caught:
         read_scene(path)
     assert caught.value.line == 6
-
-
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_a_column_inside_a_text_of_several_lines(end: str, tmp_path: Path) -> None:
-    path = tmp_path / "scene.toml"
-    lines = ['coordinates = ["x"]', 'kinetic = """', "    x_dot**2/2", '    + y"""', ""]
-    path.write_bytes(end.join(lines).encode())
-    with pytest.raises(SceneError, match="'y' is not declared") as caught:
-        read_scene(path)
-    assert (caught.value.line, caught.value.column) == (4, 7)
 
 
 def test_what_only_the_statement_can_see_is_refused_with_a_line(

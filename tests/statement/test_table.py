@@ -57,21 +57,6 @@ def test_taylor_ends_steps_on_the_knots_and_conserves_the_energy() -> None:
     assert run.drift.relative < 1e-12
 
 
-@pytest.mark.slow
-def test_a_table_over_an_expression_with_scales_is_checked_and_exported() -> None:
-    system = lg.System(
-        m * (x.dot**2 + y.dot**2) / 2,
-        e * lg.table((x**2 + y**2) / a**2, POINTS + 2, VALUES),
-        parameters={m: 1, a: 1, e: 1},
-        dimensions={m: "mass", a: "length", e: "energy", x: "length"},
-    )
-    assert system.check(points=3)
-    model = system.compile("numpy")
-    q = np.array([0.6, 0.8])
-    assert model.energy(q, [0, 0]) == pytest.approx(float(SPLINE(-1.0)))
-    assert model.accelerations(q, [0, 0]) == pytest.approx(-2 * q * float(SPLINE(-1.0, 1)))
-
-
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4"])
 @pytest.mark.parametrize("kind", ["potential", "force"])
 def test_a_run_stops_where_the_table_ends(method: str, kind: str) -> None:

@@ -23,7 +23,7 @@ from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.functions import ALIASES, WORDS
 from tests.covering import examples
-from tests.graph.trees import KINKED, SMOOTH, SYMBOLS, Forms, Library, expressions
+from tests.graph.trees import KINKED, SMOOTH, SYMBOLS, Forms, expressions
 from tests.statement.names import NAMES, PARAMETERS, g, k, m, v, x, y
 
 half = sympy.Rational(1, 2)
@@ -31,21 +31,14 @@ half = sympy.Rational(1, 2)
 
 MEANINGS = {
     "x": x,
-    "x_dot": v,
     "t": t,
     "pi": sympy.pi,
     "m*x_dot**2/2 - m*g*x": m * v**2 / 2 - m * g * x,
     "-x**2": -(x**2),
-    "(-x)**3": -(x**3),
     "2**3**2": sympy.Integer(512),
-    "x/(y/m)": x * m / y,
-    "x*-y": -x * y,
     "2**-1*x": x / 2,
-    "1/3": sympy.Rational(1, 3),
-    "0.5*x": x / 2,
     "x**0.5": sympy.sqrt(x),
     "1e-3*x": sympy.Float(0.001) * x,
-    ".5": half,
     "sqrt(2)/2": sympy.sqrt(2) / 2,
     "sin(pi/6)": half,
     "cos(x)*tan(y) + atan2(y, x)": sympy.cos(x) * sympy.tan(y) + sympy.atan2(y, x),
@@ -134,25 +127,13 @@ def test_a_number_is_the_double_it_says(value: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["9.81", "0.1", "6.67430e-11", "1e22", "123456.789", "2.00158510637908252240537862224"]
-)
-def test_decimals_print_as_they_are(text: str) -> None:
-    number = number_from_text(text)
-    assert isinstance(number, sympy.Float)
-    assert float(str(number)) == pytest.approx(float(text), rel=1e-14)
-
-
-@pytest.mark.parametrize(
     ("text", "value"),
     [
         ("pi/6", math.pi / 6),
         ("-2*pi*0.1", -0.2 * math.pi),
-        ("sqrt(2)", math.sqrt(2)),
-        ("1/3", 1 / 3),
         ("6.02214076e23", 6.02214076e23),
         ("7850*4/3*pi*0.01**3", 7850 * 4 / 3 * math.pi * 0.01**3),
         ("1 if 1 < 2 else 3", 1.0),
-        ("-3", -3.0),
     ],
 )
 def test_constants_are_numbers(text: str, value: float) -> None:
@@ -243,38 +224,10 @@ LEAVES = {"m": m, "x": x, "y": y, "u": v}
 """What the leaves of random expressions stand for in a text: coordinates, and a velocity."""
 
 
-class Typed(str):
-    """A text of an expression, with the operators of numbers, and parentheses about each operand."""
-
-    __slots__ = ()
-
-    def __neg__(self) -> Typed:
-        return Typed(f"-({self})")
-
-    def __add__(self, other: Any) -> Typed:
-        return Typed(f"({self}) + ({other})")
-
-    def __sub__(self, other: Any) -> Typed:
-        return Typed(f"({self}) - ({other})")
-
-    def __mul__(self, other: Any) -> Typed:
-        return Typed(f"({self})*({other})")
-
-    def __truediv__(self, other: Any) -> Typed:
-        return Typed(f"({self})/({other})")
-
-    def __pow__(self, other: Any) -> Typed:
-        return Typed(f"({self})**({other})")
-
-    def __radd__(self, other: Any) -> Typed:
-        return Typed(f"{other} + ({self})")
-
-
 TOKENS = [
     *("x", "y", "m", "pi", "2", "0.5", "1e9", "sin(", "max(", "(", ")", ",", "+", "-", "*", "/", "**", "<", "=="),
     *("if", "else", "not", "j", ".", "[", "'"),
 ]
-TYPED = Library(Typed, lambda name, *args: Typed(f"{name}({', '.join(args)})"))
 
 
 def outcome(text: str, names: dict[str, Any] = NAMES) -> tuple[Any, SceneError | None]:
@@ -293,17 +246,6 @@ def assert_same(result: Any, value: Any) -> None:
         assert abs(difference.xreplace(point).evalf(30)) <= 1e-12 * (1 + abs(value.xreplace(point).evalf(30)))
 
 
-@settings(max_examples=examples(150))
-@given(expressions(SMOOTH + KINKED))
-def test_random_expressions_read_back_equal(forms: Forms) -> None:
-    text = forms.build(TYPED, {name: Typed(name) for name in LEAVES})
-    result, refused = outcome(text, LEAVES)
-    if refused is None:
-        assert_same(result, forms.sympy())
-    else:  # random constants overflow, names cancel, and real parts of long sums are not looked for
-        assert any(word in refused.reason for word in ("finite", "constant", "too", "longer", "divides", "parts"))
-
-
 @settings(max_examples=examples(100))
 @given(expressions(SMOOTH + KINKED))
 def test_what_sympy_prints_reads_back_equal(forms: Forms) -> None:
@@ -315,7 +257,8 @@ def test_what_sympy_prints_reads_back_equal(forms: Forms) -> None:
         assert_same(result, value)
 
 
-@given(st.text(max_size=40))
+@settings(max_examples=examples(300))
+@given(st.one_of(st.text(max_size=40), st.lists(st.sampled_from(TOKENS), max_size=14).map(" ".join)))
 def test_any_text_is_read_or_refused(text: str) -> None:
     result, refused = outcome(text)
     if refused is None:
@@ -323,13 +266,6 @@ def test_any_text_is_read_or_refused(text: str) -> None:
     else:
         assert refused.column is not None
         assert 1 <= refused.column <= len(text) + 1
-
-
-@settings(max_examples=examples(300))
-@given(st.lists(st.sampled_from(TOKENS), max_size=14))
-def test_any_tokens_are_read_or_refused(tokens: list[str]) -> None:
-    result, refused = outcome(" ".join(tokens))
-    assert isinstance(result, sympy.Expr) if refused is None else refused.column
 
 
 # --- Scenes damaged at random: read, or refused with a place ---

@@ -13,7 +13,6 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.statement.parameters import label_of
-from lagrange.statement.scene.writer import scene_text
 from lagrange.statement.units.dimension import read_dimension
 from tests.refusals import refusal
 from tests.statement.test_dimensions import KNOWN, SYSTEMS
@@ -37,12 +36,6 @@ WRONG: dict[str, tuple[dict[str, Any], dict[Any, Any], str, str]] = {
         {m: "kg", x: "m", c: "g/s"},
         "the dissipation has the term c*x_dot**2/2",
         "0.001",
-    ),
-    "T and V without a length": (
-        {"kinetic": T, "potential": k * x**2 / 2},
-        {m: "g", k: "N/m"},
-        "the potential energy has the term k*x**2/2",
-        "1000",
     ),
     "time": (
         {"kinetic": T, "potential": k * x**2 / 2},
@@ -225,22 +218,16 @@ def test_events_are_checked(name: str) -> None:
         wire.run(1.0, events=[event])
 
 
-def test_numbers_in_events_and_given_motions_have_the_units_beside_them() -> None:
-    moved = lg.given("X", a * sin(2 * lg.t) + 0.1)
+def test_numbers_in_events_have_the_units_beside_them_and_times_are_seconds() -> None:
     spring = lg.System(
-        T, k * (x - moved) ** 2 / 2, parameters={m: 1, k: 1, a: 1}, dimensions={m: "kg", k: "N/m", a: "m", x: "m"}
-    )
-    events = [x - 0.3, lg.t - 0.5, lg.event(x.dot - 0.1 * sin(3 * lg.t), reset={x.dot: 0.2, x: x + 0.1})]
-    assert spring.run(1.0, events=events).status.name == "SUCCESS"
-
-
-def test_events_compare_times_in_seconds() -> None:
-    spring = lg.System(
-        T, k * x**2 / 2, forces={x: -F * u / M},
-        parameters={m: 1, k: 1, F: 0, u: 1, M: 1},
-        dimensions={m: "kg", k: "N/m", x: "m", F: "N", u: "s", M: "s"},
+        T, k * (x - lg.given("X", a * sin(2 * lg.t) + 0.1)) ** 2 / 2, forces={x: -F * u / M},
+        parameters={m: 1, k: 1, a: 1, F: 0, u: 1, M: 1},
+        dimensions={m: "kg", k: "N/m", x: "m", a: "m", F: "N", u: "s", M: "s"},
     )  # fmt: skip
-    events = [lg.t - u, 2 * lg.t / u - 3, lg.event(x, reset={u: lg.t + u}), lg.event(x.dot, reset={u: 2 * lg.t + 1})]
+    events = [
+        *(x - 0.3, lg.t - 0.5, lg.event(x.dot - 0.1 * sin(3 * lg.t), reset={x.dot: 0.2, x: x + 0.1})),
+        *(lg.t - u, 2 * lg.t / u - 3, lg.event(x, reset={u: lg.t + u}), lg.event(x.dot, reset={u: 2 * lg.t + 1})),
+    ]
     assert spring.run(1.0, {x: 1.0}, events=events).status.name == "SUCCESS"
 
 
@@ -267,14 +254,10 @@ def test_suggested_units_can_be_typed_back(of_w: str, of_k: str) -> None:
         ("Nm", "J", 1),
         ("mNm", "J", 1e-3),
         ("N·m", "J", 1),
-        ("MPa", "N/mm**2", 1),
         ("1/min", "1/s", 1 / 60),
         ("rpm", "rad/s", 2 * math.pi / 60),
-        ("rev/min", "rpm", 1),
         ("m/s²", "m/s**2", 1),
         ("lbf", "pound*9.80665*m/s**2", 1),
-        ("in", "inch", 1),
-        ("gf", "kgf", 1e-3),
         ("eV", "1.602176634e-19*kg*m**2/s**2", 1),
     ],
 )
@@ -289,12 +272,11 @@ def test_units_that_follow_are_found_again_from_a_scene(tmp_path: Path) -> None:
     system = lg.System(
         T, k * (x - a) ** 2 / 2, parameters={m: 1, k: 1, a: 1}, dimensions={m: "g", k: "mN/m", a: "m", x: "length"}
     )
-    path = tmp_path / "s.toml"
-    path.write_text(scene_text(system.statement))
-    again = lg.System.from_scene(path).statement.dimensions
-    assert {str(q): (item.exponents, item.factor) for q, item in again.items()} == {
-        str(q): (item.exponents, item.factor) for q, item in system.statement.dimensions.items()
-    }
+    path = system.to_scene(tmp_path / "s.toml")
+    again, stated = (one.statement.dimensions for one in (lg.System.from_scene(path), system))
+    assert [(str(q), again[q].exponents, again[q].factor) for q in again] == [
+        (str(q), stated[q].exponents, stated[q].factor) for q in stated
+    ]
     path.write_text(path.read_text().replace("mN/m", "N/m"))
     with pytest.raises(lg.SceneError, match=OTHER):
         lg.System.from_scene(path)

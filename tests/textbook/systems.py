@@ -9,10 +9,9 @@ from typing import Any
 import mpmath
 import numpy as np
 import sympy
-from sympy import Abs, Integer, cos, pi, sin, sqrt
+from sympy import Abs, pi, sqrt
 
 from lagrange.statement.coordinate import acceleration_of, t
-from lagrange.statement.energy import gravity, kinetic_energy
 from lagrange.statement.statement import Statement
 from tests.models import SYSTEMS, c, g, k, m, omega, stated, x, y
 
@@ -71,14 +70,3 @@ def value(expression: Any, statement: Statement, q: Any, v: Any, time: float, ac
     table.update(zip(map(acceleration_of, statement.coordinates), acceleration, strict=False))
     table.update(statement.defaults)
     return _function(sympy.sympify(expression), tuple(table))(*(mpmath.mpf(number) for number in table.values()))
-
-
-def pendulum_chain(masses: list[Any], lengths: list[Any], angles: list[Any]) -> tuple[Any, Any]:
-    """Return T and V of a chain of point masses on rods, stated by Cartesian positions."""
-    point = (Integer(0), Integer(0))
-    kinetic = potential = Integer(0)
-    for mass, length, angle in zip(masses, lengths, angles, strict=True):
-        point = (point[0] + length * sin(angle), point[1] - length * cos(angle))
-        kinetic += kinetic_energy(mass, point)
-        potential += gravity(mass, point, g)
-    return kinetic, potential

@@ -140,23 +140,14 @@ def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
         ("x + l3", ["'l3' is not a symbol of this system. For a power write l^3."]),
         ("x) + m", ["column 2: ')' closes nothing"]),
         ("m'' = x", ["'m' has no derivative of this order here"]),
-        (
-            "m x'' = m x - q",
-            ["column 15: 'q' is not", "Before the first fault it is read as m*x_ddot = m*x. The symbols"],
-        ),
+        ("m x'' = m x - q", ["column 15: 'q'", "Before the first fault it is read as m*x_ddot = m*x. The symbols"]),
         (r"x + \frac{d}{dt", ["'{' is never closed"]),
         (r"\foo x", [r"column 1: the LaTeX command \foo is not known here"]),
         ("x\x1b = 0", ["the character U+001B (control character) cannot stand in an equation"]),
         ("m(x'') = l x') = -k x", ["column 14: ')' closes nothing"]),
         ("x = ", ["nothing stands right of the sign of equality"]),
-        (
-            "2 sin",
-            ["has no symbol of this system. An answer is an equation such as theta'' = ... The symbols are theta, "],
-        ),
-        (
-            "d/dt(x'') = 0",
-            ["equations of motion do not contain the time derivative of x_ddot: write the equation without it"],
-        ),
+        ("2 sin", ["has no symbol of this system. An answer is an equation such as theta'' = ... The symbols are"]),
+        ("d/dt(x'') = 0", ["equations of motion do not contain the time derivative of x_ddot: write the equation"]),
         ("x**1001 + 2 x", ["the exponent 1001 is out of bounds"]),
     ],
 )
@@ -200,9 +191,7 @@ def refused(typed: TypedReader, text: str) -> str:
 
 
 def test_a_long_text_is_refused_before_it_is_read() -> None:
-    with pytest.raises(
-        StatementError, match=r"^line 1 has 30000 characters, more than the 8000 of an equation: shorten it."
-    ):
+    with pytest.raises(StatementError, match=r"^line 1 has 30000 characters, more than the 8000 of an equation"):
         reader().equations("x" * 30_000)
     with pytest.raises(StatementError, match=r"^the text has 70000 characters, and an answer may have 60000"):
         reader().equations("x'' = 0\n" * 8_750)
