@@ -17,8 +17,8 @@ from lagrange.equations.solve_plan import NestedCofactors, vanishes
 from lagrange.equations.terms import Algebra, TooLargeError, common_factor, differentiable
 from tests.covering import examples
 
-x, y, z, v = (Symbol(name, real=True) for name in "xyzv")
-a, b, c = (Symbol(name, positive=True) for name in "abc")
+x, y, z = (Symbol(name, real=True) for name in "xyz")
+a, b = (Symbol(name, positive=True) for name in "ab")
 
 
 def merged(expression: Any) -> Any:

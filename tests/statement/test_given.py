@@ -89,9 +89,6 @@ def test_an_expression_is_put_in_for_a_run() -> None:
     assert "X = a*sin(w*t)" in driven.derivation().text()
 
 
-TABLE = lg.given("X", (TIMES, TIMES**3 / 9))
-
-
 @pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("function", "formula"),
