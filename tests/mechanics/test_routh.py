@@ -80,7 +80,7 @@ def plain(**more: Any) -> lg.System:
     [
         (plain, (), "routhian() has no arguments: give a coordinate that is ignorable."),
         (plain, (x, y), "every coordinate of pair would be ignored: without one nothing is left to move."),
-        (lambda: plain(dissipation=c * x.dot**2 / 2), (x), "x is not ignorable: the force '-c*Derivative(x(t), t)'"),
+        (lambda: plain(dissipation=c * x.dot**2 / 2), (x,), "x is not ignorable: the force '-c*Derivative(x(t), t)"),
         (lambda: plain(constraints={"tie": x - y}), (x,), "x is not ignorable: the constraint 'tie' acts on it. elimi"),
         (lambda: plain(forces={y: -x}), (x,), "x is not ignorable: the force on y depends on it. Choose another coord"),
         (

@@ -104,9 +104,10 @@ def test_a_parameter_is_known_by_its_name() -> None:
     scene = shared_scene("pendulum")
     (own,) = (p for p in scene.statement.parameters if p.name == "l")
     assert own != l
-    for asked in (
+    asked: list[Callable[[Any], Any]] = [
         lambda length: scene.linearize({theta: length / 9}).K,
         lambda length: scene.run(2.0, events=[theta - length]).t_events[0].tolist(),
         lambda length: scene.transform({theta: lg.coordinate("u") / length}).lagrangian,
-    ):
-        assert asked(l) == asked(own)
+    ]
+    for ask in asked:
+        assert ask(l) == ask(own)
