@@ -211,3 +211,13 @@ def test_modes_print_frequencies_with_one_root() -> None:
     assert repr(bowl.modes()) == "<Modes: undecided; frequencies sqrt(2*gravity/(3*(R - r)))>"
     assert repr(bowl.modes().frequencies) == "(sqrt(2*gravity/(3*(R - r))),)"
     assert repr(pickle.loads(pickle.dumps(bowl.modes())).frequencies) == "(sqrt(2*gravity/(3*(R - r))),)"
+
+
+def test_shapes_with_roots_of_long_sums_need_no_radsimp(monkeypatch: pytest.MonkeyPatch) -> None:
+    """SymPy's `radsimp` takes 8 s for such a shape."""
+    monkeypatch.delattr(sympy, "radsimp")
+    kinetic, potential = m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, k * (x**2 + 2 * y**2 + x * y) / 2 + m * g * z
+    modes = lg.System(kinetic, potential, constraints=[z - x**2 + y**2 / 3]).modes({})
+    root = sympy.sqrt(2) * sympy.sqrt(32 * g**2 * m**2 - 24 * g * k * m + 9 * k**2)
+    shapes = [3 * k / (8 * g * m - 3 * k + sign * root) for sign in (-1, 1)]
+    assert [sympy.simplify(shape[1] - form) for shape, form in zip(modes.shapes, shapes, strict=True)] == [0, 0]

@@ -49,11 +49,6 @@ def refused(**changes: Any) -> str:
     return str(caught.value)
 
 
-def test_a_lagrangian_alone() -> None:
-    result = declare(lagrangian=T - V)
-    assert (result.kinetic, result.potential, result.lagrangian) == (T - V, 0, T - V)
-
-
 def test_coordinates_are_inferred_in_order_kinetic_energy_first() -> None:
     assert declare(kinetic=y.dot**2, potential=x * y * 0).names == ("y",)
     assert declare(kinetic=y.dot**2 + y.dot * x.dot, potential=theta**0).names in (("x", "y"), ("y", "x"))
