@@ -348,6 +348,7 @@ def test_equilibria_of_states_of_first_order() -> None:
     assert linear.B.shape == (3, 0)
 
 
+@pytest.mark.slow
 def test_long_formulas_leave_stability_to_numbers() -> None:
     """Determinants of the equilibrium away from the origin would take minutes in symbols."""
     kinetic, potential = m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, k * (x**2 + 2 * y**2 + x * y) / 2 + m * g * z
