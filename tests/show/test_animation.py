@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import erf
 
 import lagrange as lg
 from lagrange.errors import StatementError
@@ -135,16 +134,6 @@ def test_a_recording_says_between_which_samples_a_state_was_reset() -> None:
     assert all(t[k] < bounce <= t[k + 1] for k, bounce in zip(record["jumps"], bounces, strict=True))
 
 
-@pytest.mark.parametrize("name", ["erf", "stiff"])
-def test_every_run_has_a_player(name: str) -> None:
-    x = lg.coordinate("x")
-    potential = erf(x) if name == "erf" else 1e6 * x**2 / 2
-    system = lg.System(kinetic=x.dot**2 / 2, potential=potential, dissipation=1e6 * x.dot**2 / 2, initial={x: 1.0})
-    animation = system.run(1.0, method="radau5").animate()
-    rows = in_page(animation.to_html())["rows"]
-    assert len(rows) == 6 and np.isfinite(rows).all()
-
-
 def test_energies_are_drawn_over_time() -> None:
     animation = double_pendulum(np.linspace(0, 1, 5)).animate()
     (panel,) = animation.film.panels
@@ -222,9 +211,7 @@ def test_one_state_is_one_frame(times: Any) -> None:
     ("options", "message"),
     [
         ({"fps": 0}, "fps = 0: give a number of frames per second from 1 to 60; screens show no more."),
-        ({"fps": 1000}, "fps = 1000: give a number of frames per second from 1 to 60; screens show no more."),
         ({"speed": 0}, "speed = 0: give a positive number; 1 is real time, 2 twice as fast."),
-        ({"speed": -1.0}, "speed = -1: give a positive number; 1 is real time, 2 twice as fast."),
         (
             {"speed": 1e300},
             "speed = 1e+300 shows the run in 1e-300 s, shorter than one frame: give a speed of 30 or less.",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -224,12 +223,3 @@ def test_no_state_is_interpolated_across_a_reset(browser: Browser, tmp_path: Pat
             tab.value(f"lagrange.seek({t!r})")
             here, beyond = recording.states[:, k], recording.states[:, k + 1]
             assert tab.value("lagrange.state()")["y"] == pytest.approx(here + share * (beyond - here), abs=2e-3)
-
-
-@pytest.mark.slow
-def test_frames_are_drawn_without_pyplot() -> None:
-    code = (
-        "from tests.show.animations import double_pendulum as d; import sys; d().animate(size=(200, 240)).frame(1)\n"
-        "sys.exit('matplotlib.pyplot' in sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=600)

@@ -14,7 +14,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from sympy import cos, sin
+from sympy import cos
 
 import lagrange as lg
 from lagrange.dynamics.axes import TURN
@@ -104,22 +104,6 @@ def test_orbits_are_drawn_within_a_pixel_and_wrapped() -> None:
     assert np.nanmin(drawn[1][:, 0]) == pytest.approx(-np.pi)
 
 
-@pytest.mark.slow
-def test_an_orbit_of_many_turns_in_few_steps_is_round() -> None:
-    """The orbit is a damped spiral with twenty turns, compared with its closed form."""
-    c = 0.01
-    slow = lg.System(kinetic=x.dot**2 / 2, potential=(1 + c**2) * x**2 / 2, forces={x: -2 * c * x.dot})
-    result = lg.phase_portrait(slow, {x: (-1.2, 1.2), x.dot: (-1.2, 1.2)}, starts=[{x: 1.0}], t_end=100.0)
-    (line,) = lines_of(result.plot().axes[0], "#0b6e99")
-    line = line[np.isfinite(line).all(axis=1)]
-    pixels = np.array([PANEL_WIDTH, PANEL_HEIGHT]) / 2.4
-    begin, chords = line[:-1] * pixels, np.diff(line, axis=0) * pixels
-    for t in np.linspace(0.0, 99.0, 400):
-        state = np.exp(-c * t) * np.array([np.cos(t) + c * np.sin(t), -(1 + c**2) * np.sin(t)]) * pixels
-        share = np.clip(((state - begin) * chords).sum(axis=1) / np.maximum((chords**2).sum(axis=1), 1e-300), 0, 1)
-        assert np.linalg.norm(begin + share[:, None] * chords - state, axis=1).min() < 0.4
-
-
 def test_a_line_in_an_angle_is_cut_at_the_border_and_repeated_for_each_turn() -> None:
     place, height = np.array([3.0, 3.5, 4.0]), np.array([0.0, 1.0, 2.0])
     ((line, heights),) = turned_lines(place, height, -np.pi, np.pi)
@@ -197,16 +181,3 @@ def test_titles_of_modes_say_how_they_move_and_many_modes_are_left_out() -> None
     assert upright.plot().axes[0].get_title("left") == "mode 1: grows, rate 1"
     free = lg.System(kinetic=x.dot**2 / 2 + y.dot**2 / 2, potential=(x - y) ** 2 / 2).modes()
     assert free.plot().axes[0].get_title("left") == "mode 1: moves freely"
-
-
-def test_positions_in_space_are_seen_from_a_side() -> None:
-    bob = (sin(theta), 0, -cos(theta))
-    system = lg.System(
-        kinetic=theta.dot**2 / 2 + y.dot**2 / 2,
-        potential=-cos(theta) + y**2,
-        positions={"bob": bob, "other": (0, y, 1)},
-        links=[("origin", "bob")],
-    )
-    bars, picture = system.modes().plot().axes[:2]
-    assert bars.patches
-    assert len(picture.get_lines()) >= 4

@@ -11,10 +11,8 @@ from pathlib import Path
 import pytest
 from matplotlib.mathtext import MathTextParser
 
-import lagrange as lg
 from lagrange.show.notation.text import GREEK
 from tests.models import SCENE_NAMES, shared_scene
-from tests.systems import chain
 
 PAGES = Path(__file__).parent / "pages"
 GOLDEN = {
@@ -80,13 +78,6 @@ def test_html_is_well_formed(name: str) -> None:
         page.removeprefix("<!doctype html>\n").replace('<meta charset="utf-8">', "").replace(" open>", ">")
     )
     assert not re.search(r"<script|href=|src=", page)
-
-
-@pytest.mark.slow
-def test_a_chain_of_five_links_is_derived_without_its_accelerations() -> None:
-    page = chain(5, lg.parameters("m1 m2 m3 m4 m5")).derivation().unicode()  # takes 1 s
-    assert "Accelerations\n    The formulas are too long to be read" in page
-    assert "(m₁ + m₂ + m₃ + m₄ + m₅) l² q̈₁ + (m₂ + m₃ + m₄ + m₅) l² q̈₂ cos(q₁ − q₂)" in page
 
 
 def test_names_of_functions_have_thin_spaces_in_mathml() -> None:

@@ -15,7 +15,7 @@ from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
-from tests.show.examples import m, oscillator, solved
+from tests.show.examples import m, solved
 from tests.show.test_picture_laws import drawn, nothing_overlaps
 
 a, b, x, y, z = coordinates("a b x y z")
@@ -35,14 +35,6 @@ def test_a_view_of_space_has_units_at_its_floor_alone() -> None:
     axis = moving(a, b, a + b, dimensions={m: "kg", a: "m", b: "m", lg.t: "s"}).plot("path").axes[0]
     assert axis.get_xlabel() == axis.get_ylabel() == ""
     assert {"x (m)", "y (m)", "z (m)"} <= {text.get_text() for text in axis.texts}
-
-
-def test_of_a_long_run_the_last_part_is_drawn_and_marks_have_room() -> None:
-    run = oscillator(np.linspace(0.0, 2000.0, 9), positions={"p": (x, 0)})
-    (axis,) = drawn(run.plot("path")).axes
-    assert axis.get_title("left").startswith("path from t = ")
-    low, high = axis.get_xlim()
-    assert low < -1.05 and high > 1.05
 
 
 def test_small_motions_far_away_are_drawn_with_all_digits() -> None:
@@ -79,12 +71,6 @@ def test_many_points_have_one_colour_and_no_legend() -> None:
         ends = [line for line in axis.lines if line.get_marker() == "o"]
         assert len({line.get_markeredgecolor() for line in ends}) == (count if names else 1)
         assert (max(line.get_markersize() for line in ends) > 6) == bool(names)
-
-
-def test_points_with_links_are_drawn_to_scale_even_if_they_form_a_strip() -> None:
-    places = {"left": (0, 0), "right": (a * 0 + 40, b)}
-    for links, aspect in (([("left", "right")], 1.0), ([], "auto")):
-        assert moving(positions=places, links=links).plot("path").axes[0].get_aspect() == aspect
 
 
 @pytest.mark.parametrize("size", [1.0, 3.0, 7.0, 9.9])
@@ -149,15 +135,6 @@ def test_a_blow_up_does_not_flatten_what_came_before(status: Status, forward: bo
 def test_any_other_run_is_drawn_whole(status: Status) -> None:
     axis = growing(status).plot("x").axes[0]
     assert axis.get_ylim()[1] > 1e9 and axis.get_title("left") == ""
-
-
-def test_a_bounded_run_that_stops_is_drawn_whole() -> None:
-    ours, whole = (
-        oscillator(status=first).plot(["x", "phase"]).axes for first in (Status.STEP_TOO_SMALL, Status.SUCCESS)
-    )
-    for first, second in zip(ours, whole, strict=True):
-        assert (first.get_xlim(), first.get_ylim()) == (second.get_xlim(), second.get_ylim())
-        assert first.get_title("left") == second.get_title("left")
 
 
 @pytest.mark.parametrize("space", [False, True])

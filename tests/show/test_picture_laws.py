@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from scipy.spatial import KDTree
-from sympy import cos
 
 import lagrange as lg
 from lagrange.show.figures.curve import first_times
@@ -20,7 +19,7 @@ from lagrange.trajectory.measures.times_and_points import fixed_points
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import SCENE_NAMES
-from tests.show.examples import k, m, oscillator, x
+from tests.show.examples import oscillator, x
 
 DPI = 150
 """Dots to an inch of a file."""
@@ -87,30 +86,6 @@ def curves_are_exact(run: Solution) -> None:
 def test_curves_are_within_a_pixel_of_the_exact_ones(name: str, end: float | None) -> None:
     scene = lg.scene(name)
     curves_are_exact(scene.run() if end is None else scene.run(end))
-
-
-def driven() -> Any:
-    """Return the run of a driven oscillator, which takes long steps."""
-    return lg.System(
-        kinetic=m * x.dot**2 / 2,
-        potential=k * x**2 / 2,
-        forces={x: cos(3 * lg.t)},
-        parameters={m: 1, k: 4},
-        initial={x: 1.0},
-    )
-
-
-def extrema(values: FloatArray) -> int:
-    rising = np.diff(values) > 0
-    return int(np.count_nonzero(rising[1:] != rising[:-1]))
-
-
-def test_all_extrema_of_the_energy_of_a_driven_oscillator_are_drawn() -> None:
-    run = driven().run(60.0)
-    (line,) = run.plot().axes[1].lines
-    exact = run.sampled(np.linspace(0.0, 60.0, 200_001)).energy
-    assert extrema(line.get_ydata()) == extrema(exact) > 2 * extrema(run.energy)
-    assert line.get_ydata().max() == pytest.approx(exact.max(), rel=1e-4)
 
 
 def test_a_drift_of_the_dense_output_is_told_apart_from_the_steps() -> None:

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import cos, sin
 
 from lagrange.errors import StatementError
-from lagrange.statement.coordinate import coordinate, coordinates
+from lagrange.statement.coordinate import coordinate
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
@@ -186,17 +185,3 @@ def test_matplotlib_comes_with_the_first_picture_only_and_none_of_its_global_sta
         "sys.exit('matplotlib.pyplot' in sys.modules or settings() != before)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=600)
-
-
-def test_the_title_of_a_long_path_stays_in_the_picture() -> None:
-    a, b = coordinates("a b")
-    points = {"first": (sin(a), -cos(a)), "second": (2 * sin(b), -2 * cos(b))}
-    statement = declare(kinetic=a.dot**2 + b.dot**2, positions=points, name="turns")
-    solution = solved(
-        statement, np.linspace(0.0, 2000.0, 9), lambda t: np.array([t, -t, np.ones_like(t), -np.ones_like(t)])
-    )
-    figure: Any = solution.plot()
-    figure.draw_without_rendering()
-    path = figure.axes[-1]
-    assert path._left_title.get_window_extent().x1 <= figure.bbox.x1
-    assert path.get_title("left").startswith("path from t = ")

@@ -170,14 +170,6 @@ def test_what_is_not_shown_is_said() -> None:
     assert "did not reach" not in made(ENTRIES[:4]).plot().get_supxlabel()
 
 
-def test_no_two_methods_look_alike() -> None:
-    entries = [replace(ENTRIES[0], method=f"method-{k}") for k in range(39)]
-    lines = made(entries).plot().axes[0].get_lines()
-    assert len({(line.get_color(), line.get_marker()) for line in lines}) == 39
-    dark = made(entries).plot(style="dark")
-    assert dark.get_facecolor() == dark.axes[0].get_facecolor() != made(entries).plot().get_facecolor()
-
-
 def test_there_may_be_nothing_to_draw() -> None:
     with pytest.raises(StatementError, match="nothing to plot"):
         made(ENTRIES[4:]).plot()
