@@ -58,16 +58,17 @@ def test_answers_of_any_usual_encoding_are_read(encoding: str, tmp_path: Path) -
     assert graded(tmp_path, "l theta\u2019\u2019 = \u2013g sin theta \u00b7 1\r\n".encode(encoding)) == 0
 
 
-def test_a_name_too_long_for_a_file(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["grade", "pendulum", "x" * 5000]) == 2
-    assert "the file cannot be read (File name too long): check its name and its permissions." in " ".join(
-        capsys.readouterr().err.split()
-    )
-
-
-def test_a_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["grade", "pendulum", "nowhere.txt"]) == 2
-    assert "nowhere.txt: there is no such file. Give a text file" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("x" * 5000, "the file cannot be read (File name too long): check its name and its permissions."),
+        ("nowhere.txt", "nowhere.txt: there is no such file. Give a text file"),
+    ],
+    ids=["too long", "missing"],
+)
+def test_a_file_that_cannot_be_opened(name: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["grade", "pendulum", name]) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_folder_of_answers_becomes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
