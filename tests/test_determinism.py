@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -17,6 +18,7 @@ from sympy import Abs, Max, Min, Piecewise, cos
 import lagrange as lg
 from lagrange.algorithm.step.error_control import steps_of
 from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.export.target import find
 from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm.engine import called_ir
 from lagrange.machine.llvm_machine import loop_layout
@@ -54,8 +56,28 @@ def drivers() -> dict[str, str]:
     }
 
 
+EXPORTED = {
+    "double-pendulum": ["rhs", "energy", "jacobian", "dop853", "main"],
+    "four-bar": ["rhs", "multipliers", "rk4"],
+}
+"""Scenes and their exported contents. An FMU is the sources of C and what a compiler makes of them."""
+
+
+def exports() -> dict[str, str]:
+    """Return the text of all exported files."""
+    result = {}
+    for name, contents in EXPORTED.items():
+        for target in lg.targets().keys() - {"fmu"}:
+            steps = find(target).contents >= {"steps", "main"}
+            chosen = [item for item in contents if steps or item not in ("rk4", "dop853", "main")]
+            with TemporaryDirectory() as folder:
+                files = lg.scene(name).export(target, folder, chosen).files
+                result |= {f"{target} {path.name}": path.read_text() for path in files}
+    return result
+
+
 def digests(count: int) -> dict[str, str]:
-    result = drivers()
+    result = drivers() | exports()
     for name in NAMES[:count]:
         result |= texts(name, CHOSEN)
     return {key: hashlib.sha256(text.encode()).hexdigest() for key, text in result.items()}

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from lagrange.export.languages import fortran, javascript, octave, rust
+from lagrange.export.languages import c_printer, fortran, javascript, octave, rust
 from lagrange.export.module import SourceModule
 from lagrange.export.target import find
 from lagrange.machine import python_source
@@ -185,6 +185,35 @@ told(status, []);
         strict=(),
         first=1,
     ),
+    "c": Language(
+        tool="cc",
+        suffix="c",
+        head="""\
+#include <math.h>
+#include <stdio.h>
+#include "{module}.h"
+#define TOLD told(status, y, sizeof y / sizeof *y);
+static double p[4096], out[4096];
+static void told(int64_t status, const double *values, size_t count) {{
+    printf("%lld", (long long)status);
+    for (size_t k = 0; k < count; k++) printf(" %.17g", values[k]);
+    printf("\\n");
+}}
+int main(void) {{
+    const double given[] = {{0.0, {parameters}}};
+    told({module}_prepare(given + 1, p), p, 0);
+""",
+        quantity="    {{ const double y[] = {{{y}}}; told({module}_{name}({t}, y, p, out), out, {count}); }}",
+        step="    {{ double y[] = {{{y}}}; int64_t status = {module}_{name}({t}, {step}, y, p); TOLD }}",
+        run="    {{ double t[] = {{{t}}}, y[] = {{{y}}}; int64_t status = "
+        "{module}_{name}(t, {end}, y, p, 1e-10, 1e-10, 10000); TOLD }}",
+        tail="    return 0;\n}\n",
+        commands=(
+            "cc -std=c99 -O1 -o caller {module}.c caller.c -lm",
+            "./caller",
+        ),
+        strict=("cc -std=c99 -O1 -Wall -Wextra -Wconversion -Werror -c {module}.c",),
+    ),
 }
 
 LITERALS = {
@@ -193,6 +222,7 @@ LITERALS = {
     "javascript": javascript.LITERALS.real,
     "rust": rust.LITERALS.real,
     "python": python_source.LITERALS.real,
+    "c": c_printer.LITERALS.real,
 }
 
 

@@ -1,4 +1,4 @@
-"""Exported C compiles without a warning, and its own test finds every result right."""
+"""Features of exported C alone; `test_modules.py` has what it shares with other languages."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ import pytest
 import lagrange as lg
 from lagrange.errors import StatementError
 from tests.export.callers import section
-from tests.export.systems import held
 
 WARNINGS = "cc -std=c99 -O1 -Wall -Wextra -Wconversion -Werror"
 CONTENTS = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations", "rk4", "dop853", "main")
-SCENES = ("double-pendulum", "cartesian-double-pendulum", pytest.param("seven-body-mechanism", marks=pytest.mark.slow))
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
 
@@ -28,49 +26,6 @@ def run(command: str, folder: Path) -> str:
     return done.stdout
 
 
-@pytest.mark.few(1)
-@needs_cc
-@pytest.mark.parametrize("scene", SCENES)
-def test_the_self_test_passes(scene: str, tmp_path: Path) -> None:
-    system = lg.scene(scene)
-    made = system.export("c", tmp_path, [*CONTENTS, *held(system)])
-    name = scene.replace("-", "_")
-    assert [path.name for path in made.files] == [f"{name}{end}" for end in (".h", ".c", "_test.c", "_main.c")]
-    for program in ("test", "main"):
-        run(f"{WARNINGS} -o warned {name}.c {name}_{program}.c -lm", tmp_path)
-    for command in made.commands:
-        said = run(command, tmp_path)
-    assert said.endswith("results are right\n")
-
-
-@needs_cc
-def test_a_wrong_number_fails_the_self_test(tmp_path: Path) -> None:
-    made = lg.scene("pendulum").export("c", tmp_path)
-    source = tmp_path / "pendulum.c"
-    text = source.read_text()
-    assert "out[1] = " in text
-    source.write_text(text.replace("out[1] = ", "out[1] = 1.00000000001 * ", 1))
-    run(made.commands[0], tmp_path)
-    done = subprocess.run(shlex.split(made.commands[1]), cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert "rhs, state 0, result 1:" in done.stdout
-
-
-@needs_cc
-def test_main_writes_the_trajectory(tmp_path: Path) -> None:
-    system = lg.scene("double-pendulum")
-    system.export("c", tmp_path, ["main"])
-    run("cc -O1 -o main double_pendulum.c double_pendulum_main.c -lm", tmp_path)
-    head, *rows = run("./main 2 4", tmp_path).splitlines()
-    assert head == "t,theta1,theta2,theta1_dot,theta2_dot"
-    result = [[float(cell) for cell in row.split(",")] for row in rows]
-    ours = system.run(2.0, t_eval=[0.0, 0.5, 1.0, 1.5, 2.0], rtol=1e-12)
-    assert [row[0] for row in result] == [0.0, 0.5, 1.0, 1.5, 2.0]
-    for row, state in zip(result, ours.y.T, strict=True):
-        # dop853 at the default tolerance of main, 1e-10, over two units of time.
-        assert row[1:] == pytest.approx(state, abs=1e-7)
-
-
 @needs_cc
 @pytest.mark.parametrize(
     "scene", ["kepler", *(pytest.param(name, marks=pytest.mark.slow) for name in ("pleiades", "cartesian-pendulum"))]
@@ -78,8 +33,10 @@ def test_main_writes_the_trajectory(tmp_path: Path) -> None:
 def test_the_taylor_integrator_passes_its_test(scene: str, tmp_path: Path) -> None:
     """The exported integrator passes its test: unrolled, in a loop over orders, and with projection."""
     name = scene.replace("-", "_")
-    made = lg.scene(scene).export("c", tmp_path, ["taylor"])
-    run(f"{WARNINGS} -o warned {name}.c {name}_test.c -lm", tmp_path)
+    made = lg.scene(scene).export("c", tmp_path, ["taylor", "main"])
+    assert [path.name for path in made.files] == [f"{name}{end}" for end in (".h", ".c", "_test.c", "_main.c")]
+    for program in ("test", "main"):
+        run(f"{WARNINGS} -o warned {name}.c {name}_{program}.c -lm", tmp_path)
     for command in made.commands:
         said = run(command, tmp_path)
     assert said.endswith("results are right\n")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -128,20 +127,3 @@ def test_a_singular_matrix_is_told(target: str, stated: Callable[[], lg.System])
     read = right(target, made)
     with pytest.raises(Singular):
         read.values("rhs", 0.0, [0.0, 0.0, 0.5, 0.1], read.prepared(made.values), 4)
-
-
-def test_a_grammar_of_another_reads_julia(tmp_path: Path) -> None:
-    tree_sitter: Any = pytest.importorskip("tree_sitter", reason="tree-sitter is not installed")
-    grammar: Any = pytest.importorskip("tree_sitter_julia", reason="tree-sitter-julia is not installed")
-    parser = tree_sitter.Parser(tree_sitter.Language(grammar.language()))
-    for file in lg.scene("cartesian-pendulum").export("julia", tmp_path, QUANTITIES).files:
-        assert not parser.parse(file.read_bytes()).root_node.has_error
-        assert parser.parse(file.read_bytes().replace(b"end\n", b"", 1)).root_node.has_error
-
-
-def test_a_grammar_of_another_reads_modelica(tmp_path: Path) -> None:
-    parser: Any = pytest.importorskip("pymoca.parser", reason="pymoca is not installed")
-    lg.scene("cartesian-pendulum").export("modelica", tmp_path, [*QUANTITIES, "multipliers"])
-    tree = parser.parse((tmp_path / "cartesian_pendulum.mo").read_text())
-    assert set(tree.classes["cartesian_pendulum"].classes) >= {"Functions", "Motion"}
-    assert parser.parse((tmp_path / "cartesian_pendulum_test.mo").read_text()) is not None

@@ -1,4 +1,4 @@
-"""Models exported to JavaScript, Rust, Python, Fortran or Octave: no warnings, right numbers, and a status."""
+"""Models exported to the languages that run here: no warnings, right numbers, and a status."""
 
 from __future__ import annotations
 
@@ -84,6 +84,7 @@ WRONG: dict[str, tuple[str, str]] = {
     "javascript": ("out[out_at + 1] = ", "out[out_at + 1] = 1.00000000001 * "),
     "rust": ("    out[1] = ", "    out[1] = 1.00000000001 * "),
     "python": ("out[1] = ", "out[1] = 1.00000000001 * "),
+    "c": ("out[1] = ", "out[1] = 1.00000000001 * "),
 }
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from lagrange.errors import StatementError
-from tests.models import model
 from tests.recipes.agreement import named, states
 
 casadi: Any = pytest.importorskip("casadi", reason="casadi is not installed")
@@ -37,13 +36,3 @@ def test_no_parameters_and_unknown_symbols() -> None:
     np.testing.assert_allclose(of.as_casadi()(time, y, []).full().ravel(), of.rhs(time, y), rtol=1e-14)
     with pytest.raises(StatementError, match="'DM' is not a kind of CasADi's symbols: they are SX and MX"):
         of.as_casadi(symbols="DM")
-
-
-def test_an_integrator_of_casadi_runs_it() -> None:
-    of = model("pendulum", "numpy")
-    rhs, p = of.as_casadi(), of.parameter_array()
-    t, y = casadi.SX.sym("t"), casadi.SX.sym("y", 2)
-    run = casadi.integrator("run", "cvodes", {"x": y, "t": t, "ode": rhs(t, y, p)}, 0.0, 1.0, {"reltol": 1e-10})
-    result = run(x0=[1.0, 0.0])["xf"].full().ravel()
-    energies = [of.energy(state[:1], state[1:]) for state in (np.array([1.0, 0.0]), result)]
-    assert abs(energies[1] - energies[0]) < 1e-6

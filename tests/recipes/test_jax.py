@@ -21,7 +21,7 @@ from lagrange.machine.python_source import defined
 from lagrange.recipes.model import NumbaFunction
 from lagrange.statement.coordinate import coordinate
 from tests.models import build, c, l, m, model, x, y
-from tests.recipes.agreement import named, singular, states
+from tests.recipes.agreement import singular, states
 
 
 @pytest.fixture
@@ -35,14 +35,6 @@ def jax() -> Any:
 @pytest.fixture
 def numba() -> Any:
     return pytest.importorskip("numba", reason="numba is not installed")
-
-
-def test_a_batch_is_the_states_one_by_one(jax: Any) -> None:
-    of = named("double-pendulum")
-    rhs, p = of.as_jax(), of.parameter_array()
-    many = np.array([y for _, y in states(of, 5)])
-    result = jax.jit(jax.vmap(rhs, (None, 0, None)))(0.0, many, p)
-    np.testing.assert_allclose(result, [of.rhs(0.0, y) for y in many], rtol=1e-13, atol=1e-13)
 
 
 def test_gradients_by_parameters_and_by_time_are_differences(jax: Any) -> None:

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 import pickle
-import shutil
-import subprocess
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -181,25 +177,6 @@ def test_every_printer_takes_every_expression(printer: object) -> None:
         for expression in (*form.results, *(item for _, item in form.replacements)):
             text = str(printer(expression))
             assert text and "Not supported" not in text and "Derivative" not in text
-
-
-def test_the_c_that_sympy_prints_is_right(tmp_path: Path) -> None:
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("cc is not installed")
-    of = model("cart and pole", "numpy")
-    form = of.as_sympy()
-    given = [f"double {form.t}", *(f"double {symbol}" for symbol in (*form.q, *form.v, *form.p)), "double *out"]
-    lines = [f"const double {symbol} = {sp.ccode(expression)};" for symbol, expression in form.replacements]
-    lines += [f"out[{i}] = {sp.ccode(expression)};" for i, expression in enumerate(form.results)]
-    text = "\n".join(["#include <math.h>", f"void rhs({', '.join(given)})", "{", *lines, "}", ""])
-    (tmp_path / "rhs.c").write_text(text, encoding="utf-8")
-    subprocess.run([compiler, "-shared", "-fPIC", "-o", "rhs.so", "rhs.c", "-lm"], cwd=tmp_path, check=True)
-    rhs = ctypes.CDLL(str(tmp_path / "rhs.so")).rhs
-    for time, state in states(of):
-        out = np.empty(4)
-        rhs(*map(ctypes.c_double, (time, *state, *of.parameter_array())), ctypes.c_void_p(out.ctypes.data))
-        assert apart(of, "rhs", time, state, out) <= 1
 
 
 def test_rows_are_exchanged_where_a_pivot_is_known_to_be_zero() -> None:
