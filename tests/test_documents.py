@@ -269,6 +269,7 @@ def test_strangers_are_seen() -> None:
 
 def test_extras_refer_to_this_distribution_by_its_name() -> None:
     assert PROJECT["name"] == "lagrange-mechanics", "`lagrange` on the package index is another project"
+    assert PROJECT["scripts"] == {"lagrange": "lagrange.__main__:main"}
     for extra, requirements in EXTRAS.items():
         for name, extras in map(named, requirements):
             assert name != "lagrange", extra
@@ -280,10 +281,6 @@ def test_nothing_asks_for_the_version_of_another_project() -> None:
     files = [path for folder in ("lagrange", "docs", "examples") for path in sorted((ROOT / folder).rglob("*.py"))]
     assert [path.name for path in files if asked.search(path.read_text("utf-8"))] == []
     assert PROJECT["version"] == lg.__version__
-
-
-def test_the_command_and_the_import_keep_their_name() -> None:
-    assert PROJECT["scripts"] == {"lagrange": "lagrange.__main__:main"}
 
 
 def test_readme_and_limits_tell_of_the_other_project() -> None:

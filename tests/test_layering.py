@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -318,47 +318,32 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
 stand before all rooms of their stage, the entries behind all."""
 
-MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
-    "machine records": (),
-    "machine/llvm": ("machine records",),
-    "machine/kernel": ("machine records", "machine/llvm"),
-    "machine entries": ("machine records", "machine/llvm", "machine/kernel"),
-    "trajectory/tableaux": (),
-    "trajectory records": ("machine records", "machine entries", "trajectory/tableaux"),
-    "trajectory/constraints": ("machine records", "machine/kernel", "machine entries"),
-    "trajectory/events": (
-        *("machine records", "machine/kernel", "machine entries", "trajectory/constraints"),
-        "trajectory records",
-    ),
-    "trajectory runs": (
-        *("machine records", "machine/kernel", "machine entries", "trajectory/constraints"),
-        *("trajectory records", "trajectory/tableaux", "trajectory/events"),
-    ),
-    "trajectory/methods": (
-        *("machine records", "machine entries"),
-        *("trajectory records", "trajectory/tableaux", "trajectory/events", "trajectory runs"),
-    ),
-    "trajectory/foreign": (
-        *("machine records", "machine entries"),
-        *("trajectory records", "trajectory/events", "trajectory runs", "trajectory/methods"),
-    ),
-    "trajectory/measures": (
-        *("machine records", "machine entries", "trajectory/constraints"),
-        *("trajectory records", "trajectory/tableaux", "trajectory runs"),
-    ),
-    "trajectory segments": (
-        *("trajectory/constraints", "trajectory/measures"),
-        *("trajectory records", "trajectory/events", "trajectory runs"),
-    ),
-    "trajectory/contact": (
-        *("machine records", "machine/kernel", "machine entries"),
-        *("trajectory records", "trajectory runs", "trajectory segments"),
-    ),
-    "trajectory entries": (
-        *("machine records", "machine entries", "trajectory/constraints"),
-        *("trajectory records", "trajectory runs"),
-        *("trajectory/methods", "trajectory/measures", "trajectory segments", "trajectory/contact"),
-    ),
+ARROWS = """
+machine records:
+machine/llvm: machine records
+machine/kernel: machine records, machine/llvm
+machine entries: machine records, machine/llvm, machine/kernel
+trajectory/tableaux:
+trajectory records: machine records, machine entries, trajectory/tableaux
+trajectory/constraints: machine records, machine/kernel, machine entries
+trajectory/events: machine records, machine/kernel, machine entries, trajectory/constraints, trajectory records
+trajectory runs: machine records, machine/kernel, machine entries, trajectory/constraints, trajectory records, \
+trajectory/tableaux, trajectory/events
+trajectory/methods: machine records, machine entries, trajectory records, trajectory/tableaux, trajectory/events, \
+trajectory runs
+trajectory/foreign: machine records, machine entries, trajectory records, trajectory/events, trajectory runs, \
+trajectory/methods
+trajectory/measures: machine records, machine entries, trajectory/constraints, trajectory records, \
+trajectory/tableaux, trajectory runs
+trajectory segments: trajectory/constraints, trajectory/measures, trajectory records, trajectory/events, trajectory runs
+trajectory/contact: machine records, machine/kernel, machine entries, trajectory records, trajectory runs, \
+trajectory segments
+trajectory entries: machine records, machine entries, trajectory/constraints, trajectory records, trajectory runs, \
+trajectory/methods, trajectory/measures, trajectory segments, trajectory/contact
+"""
+MAY_IMPORT: Mapping[str, Sequence[str]] = {
+    name: [room.strip() for room in rooms.split(",") if room.strip()]
+    for name, _, rooms in (line.partition(":") for line in ARROWS.strip().splitlines())
 }
 """Each room, in the order in which it is built, and the rooms that it knows. What a trajectory knows of the machine's
 inner rooms are the constants that all drivers agree on, and the arithmetic of doubles."""

@@ -160,8 +160,7 @@ UNTYPED: Any = lg
 """The package, for calls that a type checker would refuse."""
 
 LISTED: Any = [1.0]
-BYTES: Any = b"abcd"
-NOTHING: Any = object()
+UNTYPED_BYTES: Any = b"abcd"
 """Values of types that a type checker would refuse."""
 
 
@@ -174,27 +173,14 @@ NOTHING: Any = object()
         (lambda: INSTANCES[lg.Model]().momenta([0.1, 0.2], [0.1, 0.2], [[range(10**9)]]), "the time t has 1e.09"),
         (lambda: INSTANCES[lg.Model]().singular_message(0.0, [[]]), "q has shape"),
         (lambda: INSTANCES[lg.Model]().rhs(0.0, [[1.0, 2.0], [True, 0.0]]), "y has entries of type bool"),
-        (
-            lambda: INSTANCES[lg.Model]().rhs(0.0, [[0.0], [np.ma.masked], [0.0], [0.0]]),
-            "entries of type MaskedConstant",
-        ),
         (lambda: flow()([1.0, 0.0, 0.0, 0.0], 0.0, 0.1, LISTED), "or a NumPy array of 2 values in the order"),
         (lambda: flow()([[1.0, 0.0, 0.0, 0.0]], 0.0, 0.1), "A flow takes one state; lg.ensemble runs many"),
-        (lambda: INSTANCES[lg.Model]().rhs(0.0, BYTES), "y is the text b'abcd': give real numbers"),
-        (
-            lambda: INSTANCES[lg.Model]().singular_message(0.0, [0.0, 0.0], parameters=NOTHING),
-            "parameters is an object",
-        ),
-        (lambda: INSTANCES[lg.Solution]().parameters_at(-1.0), "t = -1 is outside the run"),
+        (lambda: INSTANCES[lg.Model]().rhs(0.0, UNTYPED_BYTES), "y is the text b'abcd': give real numbers"),
         (lambda: INSTANCES[lg.Solution]().at(0.5 + 1e-9), "t = 0.500000001 is outside the run, which went from 0 to"),
         (lambda: lg.shape("box", None, ({}, 1, 1)), r"an entry of the size of a shape is \{\}"),
         (lambda: lg.targets()["C"], "there is no target 'C'; the targets are c, "),
         (lambda: INSTANCES[lg.System]().accelerations()["x"], "the keys are the coordinates x and y themselves"),
         (lambda: INSTANCES[lg.System]().compare({"x": np.zeros(3)}), "give a number"),
-        (
-            lambda: lg.table(sympy.Limit(sympy.Symbol("u"), sympy.Symbol("u"), 0), [0, 1, 2, 3], [0, 1, 0, 1]),
-            "a number",
-        ),
         (lambda: lg.table(sympy.Symbol("q", commutative=False), [0, 1, 2, 3], [0, 1, 0, 1]), "not real"),
     ],
 )

@@ -137,23 +137,33 @@ def test_a_voltage_that_jumps_is_passed(method: str, target: str) -> None:
     assert solution[phi.dot][-1] == pytest.approx(3 * (2 - 1 + fallen) + 1.5 * (1 - fallen), abs=1e-8)
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
+def moved_in_c(system: lg.System, call: str, folder: Path) -> list[float]:
+    """Return the outcome and the state after a call of an exported integrator from the state 0, 0."""
+    name = system.statement.name
+    (folder / "start.c").write_text(f"""\
+#include <stdio.h>
+#include "{name}.h"
+int main(void) {{
+    double p[{name.upper()}_PREPARED], t[] = {{0.0}}, y[] = {{0.0, 0.0}};
+    {name}_prepare({name}_default_parameters, p);
+    (void)t;
+    int status = (int){name}_{call};
+    printf("%d %.17g %.17g", status, y[0], y[1]);
+    return 0;
+}}
+""")
+    run(f"cc -O1 -o start start.c {name}.c -lm", folder)
+    return [float(word) for word in run("./start", folder).split()]
+
+
+needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
+
+
+@needs_cc
 def test_exported_steps_with_error_control_pass_a_voltage_that_jumps(tmp_path: Path) -> None:
     switched = lg.System(kinetic=0, forces={e: 3 * Heaviside(lg.t - 1) - e}, dissipation=e.dot**2 / 2, name="switched")
     switched.export("c", tmp_path, ["dop853"])
-    (tmp_path / "start.c").write_text("""\
-#include <stdio.h>
-#include "switched.h"
-int main(void) {
-    double p[SWITCHED_PREPARED], t[] = {0.0}, y[] = {0.0, 0.0};
-    switched_prepare(switched_default_parameters, p);
-    int status = (int)switched_dop853(t, 3.0, y, p, 1e-10, 1e-10, 100000);
-    printf("%d %.17g %.17g", status, y[0], y[1]);
-    return 0;
-}
-""")
-    run("cc -O1 -o start start.c switched.c -lm", tmp_path)
-    numbers = [float(word) for word in run("./start", tmp_path).split()]
+    numbers = moved_in_c(switched, "dop853(t, 3.0, y, p, 1e-10, 1e-10, 100000)", tmp_path)
     assert numbers == pytest.approx([0, 3 - 3 * np.exp(-2), 3 * np.exp(-2)], abs=1e-8)
 
 
@@ -187,7 +197,7 @@ def test_velocities_with_two_solutions_are_not_chosen() -> None:
         system.run(1.0)
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
+@needs_cc
 @pytest.mark.parametrize(
     "method", ["rk4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("taylor", "dop853"))]
 )
@@ -197,22 +207,9 @@ def test_exported_integrators_start_from_coordinates_alone(method: str, tmp_path
         told = run(command, tmp_path)
     assert told.endswith("results are right\n")
     call = "0.0, 0.01, y, p" if method == "rk4" else "t, 0.01, y, p, 1e-12, 1e-12, 100000"
-    (tmp_path / "start.c").write_text(f"""\
-#include <stdio.h>
-#include "lowpass.h"
-int main(void) {{
-    double p[LOWPASS_PREPARED], t[] = {{0.0}}, y[] = {{0.0, 0.0}};
-    lowpass_prepare(lowpass_default_parameters, p);
-    (void)t;
-    int status = (int)lowpass_{method}({call});
-    printf("%d %.17g %.17g", status, y[0], y[1]);
-    return 0;
-}}
-""")
-    run("cc -O1 -o start start.c lowpass.c -lm", tmp_path)
-    done = run("./start", tmp_path)
+    numbers = moved_in_c(lowpass(), f"{method}({call})", tmp_path)
     # The error of a step of rk4 is its length to the power of 5 over 120.
-    assert [float(word) for word in done.split()] == pytest.approx([0, 1 - np.exp(-0.01), np.exp(-0.01)], abs=1e-11)
+    assert numbers == pytest.approx([0, 1 - np.exp(-0.01), np.exp(-0.01)], abs=1e-11)
 
 
 def test_pages_and_tables_of_main_start_with_the_velocities_that_follow(tmp_path: Path) -> None:
