@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,6 +28,23 @@ t_end = 2.0
 """
 
 
+Captured = pytest.CaptureFixture[str]
+Patch = pytest.MonkeyPatch
+
+
+def printed(capsys: Captured, *arguments: str, code: int = 0) -> str:
+    """Return what a command prints that ends with a code, and that complains about nothing."""
+    assert main(arguments) == code
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    return captured.out
+
+
+def data(capsys: Captured, *arguments: str, code: int = 0) -> Any:
+    """Return the document that a command prints with --json."""
+    return json.loads(printed(capsys, *arguments, "--json", code=code))
+
+
 def written(folder: Path, text: str) -> str:
     """Write a scene and return where it is."""
     path = folder / "drop.toml"
@@ -33,7 +52,7 @@ def written(folder: Path, text: str) -> str:
     return str(path)
 
 
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:
+def refused(capsys: Captured, *arguments: str, code: int = 2) -> str:
     """Return the one message of a command that ends with a code and prints nothing else."""
     assert main(arguments) == code
     captured = capsys.readouterr()

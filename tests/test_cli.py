@@ -23,7 +23,7 @@ import pytest
 import lagrange as lg
 from lagrange.cli.program import main
 from lagrange.trajectory.trajectory import Status
-from tests.drop import DROP, refused, written
+from tests.drop import DROP, Captured, Patch, data, printed, refused, written
 
 
 @pytest.fixture
@@ -34,15 +34,7 @@ def scene(tmp_path: Path) -> str:
 # --- run ----------------------------------------------------------------------------------------------------
 
 
-def test_run_prints_the_status_card(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", scene]) == 0
-    captured = capsys.readouterr()
-    assert captured.out.startswith("drop: success\n")
-    assert "taylor reached t = 2." in captured.out
-    assert captured.err == ""
-
-
-def test_run_writes_trajectory_picture_and_card(scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_run_writes_trajectory_picture_and_card(scene: str, tmp_path: Path, capsys: Captured) -> None:
     out = tmp_path / "deep" / "er"
     assert main(["run", scene, "--out", str(out), "--points", "5", "--set", "g=4", "--initial", "y_dot=1"]) == 0
     assert capsys.readouterr().out.endswith(f"written to {out}: trajectory.csv, trajectory.png and card.json\n")
@@ -56,12 +48,10 @@ def test_run_writes_trajectory_picture_and_card(scene: str, tmp_path: Path, caps
     assert card["initial"] == {"y": 5.0, "y_dot": 1.0}
 
 
-def test_run_options_reach_the_run(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", scene, "--method", "rk4", "--step", "0.25", "--t-end", "1", "--json"]) == 0
-    card = json.loads(capsys.readouterr().out)
+def test_run_options_reach_the_run(scene: str, capsys: Captured) -> None:
+    card = data(capsys, "run", scene, "--method", "rk4", "--step", "0.25", "--t-end", "1")
     assert (card["method"], card["steps"], card["t_end"]) == ("rk4", 4, 1.0)
-    assert main(["run", scene, "--rtol", "1e-3", "--atol", "1e-3", "--no-check", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["files"] == []
+    assert data(capsys, "run", scene, "--rtol", "1e-3", "--atol", "1e-3", "--no-check")["files"] == []
 
 
 @pytest.mark.parametrize(
@@ -77,20 +67,15 @@ def test_run_options_reach_the_run(scene: str, capsys: pytest.CaptureFixture[str
         ("1/4", 0.25),
     ],
 )
-def test_numbers(text: str, value: float, scene: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", scene, "--t-end", "0.1", "--initial", f"y = {text}", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["initial"]["y"] == pytest.approx(value, rel=1e-15)
+def test_numbers(text: str, value: float, scene: str, capsys: Captured) -> None:
+    card = data(capsys, "run", scene, "--t-end", "0.1", "--initial", f"y = {text}")
+    assert card["initial"]["y"] == pytest.approx(value, rel=1e-15)
 
 
-def test_json_is_one_document_with_the_card_and_the_files(
-    scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["run", scene, "--json", "--out", str(tmp_path)]) == 0
-    captured = capsys.readouterr()
-    data = json.loads(captured.out)
-    assert captured.err == ""
-    assert data["files"] == [str(tmp_path / name) for name in ("trajectory.csv", "trajectory.png", "card.json")]
-    assert data["complete"] is True
+def test_json_is_one_document_with_the_card_and_the_files(scene: str, tmp_path: Path, capsys: Captured) -> None:
+    card = data(capsys, "run", scene, "--out", str(tmp_path))
+    assert card["files"] == [str(tmp_path / name) for name in ("trajectory.csv", "trajectory.png", "card.json")]
+    assert card["complete"] is True
 
 
 ENDS: dict[str, tuple[str, list[str], list[str]]] = {
@@ -102,7 +87,7 @@ ENDS: dict[str, tuple[str, list[str], list[str]]] = {
 
 @pytest.mark.parametrize("end", ENDS)
 def test_a_run_that_does_not_follow_the_motion_fails_and_keeps_what_there_is(
-    end: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    end: str, tmp_path: Path, capsys: Captured
 ) -> None:
     potential, options, statuses = ENDS[end]
     text = DROP.replace('"m*g*y"', f'"{potential}"').replace("y = 5.0", "y = 1.0").replace("g = 10.0\n", "")
@@ -114,9 +99,7 @@ def test_a_run_that_does_not_follow_the_motion_fails_and_keeps_what_there_is(
     assert rows == 2002 if end == "unreliable" else rows > 3
 
 
-def test_a_run_without_output_leaves_no_old_picture(
-    scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_without_output_leaves_no_old_picture(scene: str, tmp_path: Path, monkeypatch: Patch) -> None:
     finished = lg.System.from_scene(scene).run(0.5)
     empty = replace(finished.trajectory, t=np.empty(0), y=np.empty((2, 0)), status=Status.NON_FINITE)
     monkeypatch.setattr(lg.System, "run", lambda *_, **__: replace(finished, trajectory=empty))
@@ -126,9 +109,7 @@ def test_a_run_without_output_leaves_no_old_picture(
     assert (tmp_path / "trajectory.csv").read_text("utf-8") == "t,y,y_dot\n"
 
 
-def test_an_interrupted_run_is_written_and_says_130(
-    scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_run_is_written_and_says_130(scene: str, tmp_path: Path, monkeypatch: Patch) -> None:
     finished = lg.System.from_scene(scene).run(0.5)
     stopped = replace(finished, trajectory=replace(finished.trajectory, status=Status.INTERRUPTED))
     monkeypatch.setattr(lg.System, "run", lambda *_, **__: stopped)
@@ -136,9 +117,7 @@ def test_an_interrupted_run_is_written_and_says_130(
     assert json.loads((tmp_path / "out" / "card.json").read_text("utf-8"))["status"] == "interrupted"
 
 
-def test_an_interruption_elsewhere_says_130(
-    scene: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interruption_elsewhere_says_130(scene: str, monkeypatch: Patch, capsys: Captured) -> None:
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
@@ -174,11 +153,11 @@ TOO_FEW = "is not a number of output times. Give 2 or more, below 100 million."
         ),
     ],
 )
-def test_wrong_requests(arguments: list[str], message: str, scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_requests(arguments: list[str], message: str, scene: str, capsys: Captured) -> None:
     assert message in refused(capsys, "run", scene, *arguments)
 
 
-def test_unknown_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_scenes(tmp_path: Path, capsys: Captured) -> None:
     assert refused(capsys, "run", "pendulun").endswith("Did you mean 'pendulum'?")
     assert "the library has no scene" in refused(capsys, "run", "x" * 5000)
     missing = str(tmp_path / "nowhere.toml")
@@ -187,7 +166,7 @@ def test_unknown_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert refused(capsys, "check", str(tmp_path)).startswith(str(tmp_path))
 
 
-def test_refusals_as_json(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_refusals_as_json(scene: str, capsys: Captured) -> None:
     assert main(["run", scene, "--set", "m", "--json"]) == 2
     captured = capsys.readouterr()
     message = "--set m: write NAME=VALUE, such as --set m=2."
@@ -195,9 +174,7 @@ def test_refusals_as_json(scene: str, capsys: pytest.CaptureFixture[str]) -> Non
     assert captured.err == f"lagrange: {message}\n"
 
 
-def test_out_that_cannot_be_a_folder(
-    scene: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_out_that_cannot_be_a_folder(scene: str, capsys: Captured, monkeypatch: Patch) -> None:
     out = f"{scene}/inside"
     assert (
         refused(capsys, "run", scene, "--out", out)
@@ -217,7 +194,7 @@ def test_out_that_cannot_be_a_folder(
 
 
 def test_a_full_disk_is_one_message_and_leaves_nothing_half_written(
-    scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    scene: str, tmp_path: Path, capsys: Captured, monkeypatch: Patch
 ) -> None:
     def full(_: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -235,32 +212,25 @@ def test_a_full_disk_is_one_message_and_leaves_nothing_half_written(
 # --- derive, check, scenes, new -----------------------------------------------------------------------------
 
 
-def test_derive(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["derive", scene]) == 0
-    text = capsys.readouterr().out
+def test_derive(scene: str, capsys: Captured) -> None:
+    text = printed(capsys, "derive", scene)
     assert text.startswith("drop\n\nStated\n    A stone that falls.\n    Source: Galilei\n    T = m*y_dot**2/2\n")
     assert "\n    m*y_ddot + m*g = 0\n" in text
     assert "\nRemarks\n    Nothing depends on time explicitly" in text
-    assert main(["derive", scene, "--format", "latex"]) == 0
-    assert r"\[ m \ddot{y} + m g = 0 \]" in capsys.readouterr().out
-    assert main(["derive", scene, "--format", "markdown"]) == 0
-    assert capsys.readouterr().out.startswith("# drop\n")
+    assert r"\[ m \ddot{y} + m g = 0 \]" in printed(capsys, "derive", scene, "--format", "latex")
+    assert printed(capsys, "derive", scene, "--format", "markdown").startswith("# drop\n")
     above = {"title": "Fall", "author": "Ada", "date": "1 May", "problem": "Derive it."}
-    assert main(["derive", scene, *(word for field, text in above.items() for word in (f"--{field}", text))]) == 0
-    assert capsys.readouterr().out.startswith("Fall\nAda\n1 May\nDerive it.\n\nStated\n")
+    text = printed(capsys, "derive", scene, *(word for field in above.items() for word in (f"--{field[0]}", field[1])))
+    assert text.startswith("Fall\nAda\n1 May\nDerive it.\n\nStated\n")
 
 
-def test_check(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", scene]) == 0
-    assert capsys.readouterr().out.rstrip().splitlines()[-1] == "Everything holds."
-    assert main(["check", scene, "--json"]) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert data["holds"] is True and data["system"] == "drop"
+def test_check(scene: str, capsys: Captured) -> None:
+    assert printed(capsys, "check", scene).rstrip().splitlines()[-1] == "Everything holds."
+    report = data(capsys, "check", scene)
+    assert report["holds"] is True and report["system"] == "drop"
 
 
-def test_a_check_that_fails_says_1(
-    scene: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_check_that_fails_says_1(scene: str, monkeypatch: Patch, capsys: Captured) -> None:
     report = lg.System.from_scene(scene).check()
     wrong = replace(report, unexplained=("the compiled energy has no value at point 1",))
     monkeypatch.setattr(lg.System, "check", lambda *_, **__: wrong)
@@ -268,28 +238,26 @@ def test_a_check_that_fails_says_1(
     assert "no value at point 1" in capsys.readouterr().out
 
 
-def test_scenes(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["scenes"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_scenes(capsys: Captured) -> None:
+    lines = printed(capsys, "scenes").splitlines()
     assert max(map(len, lines)) <= 100
     text = " ".join(" ".join(lines).split())
-    assert main(["scenes", "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = data(capsys, "scenes")
     assert [entry["name"] for entry in result] == lg.scenes()
     assert all(entry["source"] for entry in result)
     assert all(entry["name"] in text and entry["about"] in text for entry in result)
 
 
-def test_new_writes_a_scene_that_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["new", "my-swing", "--out", str(tmp_path / "made")]) == 0
+def test_new_writes_a_scene_that_runs(tmp_path: Path, capsys: Captured) -> None:
     path = tmp_path / "made" / "my-swing.toml"
-    assert capsys.readouterr().out == f"{path} is a pendulum for now: change it, then  lagrange run {path}\n"
+    said = printed(capsys, "new", "my-swing", "--out", str(tmp_path / "made"))
+    assert said == f"{path} is a pendulum for now: change it, then  lagrange run {path}\n"
     assert lg.System.from_scene(path).name == "my-swing"
     assert main(["run", str(path)]) == 0
     assert main(["check", str(path)]) == 0
 
 
-def test_new_never_overwrites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_new_never_overwrites(tmp_path: Path, capsys: Captured) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("precious")
     assert refused(capsys, "new", "mine", "--out", str(tmp_path)) == (
@@ -299,7 +267,7 @@ def test_new_never_overwrites(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize("name", ["", "../x", "a/b", "-x", ".hidden", 'a"b', "x" * 65, "é"])
-def test_new_refuses_names(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_new_refuses_names(name: str, tmp_path: Path, capsys: Captured) -> None:
     assert main(["new", "--out", str(tmp_path), "--", name]) == 2
     assert capsys.readouterr().err == (
         f"lagrange: {name!r} cannot name a scene: use 1 to 64 letters, digits, - and _, such as double-pendulum.\n"
@@ -472,7 +440,7 @@ def test_tables_fit_a_terminal_with_their_rules(command: list[str]) -> None:
     assert any(set(line) <= {"-", " "} for line in lines)
 
 
-def test_refusals_fit_a_terminal_and_are_one_line_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
+def test_refusals_fit_a_terminal_and_are_one_line_in_a_pipe(capsys: Captured) -> None:
     code, lines = on_a_terminal(60, "run", "nopendulum")
     assert code == 2 and len(lines) > 5 and max(map(len, lines)) <= 60
     assert lines[0].startswith("lagrange: the library has no scene 'nopendulum'; it has") and lines[1].startswith("  ")
@@ -495,29 +463,26 @@ def test_refusals_fit_a_terminal_and_are_one_line_in_a_pipe(capsys: pytest.Captu
     ],
 )
 def test_a_word_that_is_none_is_refused_with_the_one_that_was_meant(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], message: str, capsys: Captured
 ) -> None:
     assert main(arguments) == 2
     said = capsys.readouterr()
     assert said.out == "" and said.err.startswith("usage: lagrange") and message in said.err
 
 
-def test_help_fits_80_columns(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_help_fits_80_columns(capsys: Captured, monkeypatch: Patch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    assert main(["--help"]) == 0
-    page = capsys.readouterr().out
+    page = printed(capsys, "--help")
     commands = re.findall(r"^    ([a-z]+) ", page, re.MULTILINE)
     assert {"run", "plot", "animate", "ensemble"} <= {*commands}
     assert re.search(r"\n    ensemble +\w", page), "a command and what it does stand in one line"
     for command in commands:
-        assert main([command, "--help"]) == 0
-        page += capsys.readouterr().out
+        page += printed(capsys, command, "--help")
     assert max(map(len, page.splitlines())) <= 80
 
 
-def test_scenes_in_long(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["scenes", "--long"]) == 0
-    parts = capsys.readouterr().out.rstrip("\n").split("\n\n")
+def test_scenes_in_long(capsys: Captured) -> None:
+    parts = printed(capsys, "scenes", "--long").rstrip("\n").split("\n\n")
     assert [part.partition(":")[0] for part in parts] == lg.scenes()
     atwood = next(part for part in parts if part.startswith("cartesian-pendulum"))
     assert "\n  coordinates  x, y\n  constraints  rod: " in atwood and "\n  method       taylor to t = 10.0\n" in atwood

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +10,17 @@ import pytest
 import lagrange as lg
 from lagrange.cli.program import main
 from lagrange.members import jobs, store
+from tests.drop import Captured, Patch, data, printed
 
 VARY = ["--vary", "theta=0.1:2:3", "--vary", "l=0.5:1:2", "--t-end", "1"]
 
 
-def test_runs_are_counted_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["ensemble", "pendulum", *VARY, "--out", str(tmp_path / "map.png")]) == 0
-    said = capsys.readouterr().out
+def test_runs_are_counted_and_written(tmp_path: Path, capsys: Captured) -> None:
+    said = printed(capsys, "ensemble", "pendulum", *VARY, "--out", str(tmp_path / "map.png"))
     assert said.startswith("pendulum: 6 members (3 x 2), varying theta and l") and "6 success" in said
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
-    assert main(["ensemble", "pendulum", *VARY, "--set", "g=9", "--method", "rk4", "--step", "0.1", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["shape"] == [3, 2]
+    options = ["--set", "g=9", "--method", "rk4", "--step", "0.1"]
+    assert data(capsys, "ensemble", "pendulum", *VARY, *options)["shape"] == [3, 2]
 
 
 @pytest.mark.few(1)
@@ -38,9 +37,7 @@ def test_every_kind_of_file(out: str, more: list[str], begins: bytes, tmp_path: 
     assert (tmp_path / out).read_bytes().startswith(begins)
 
 
-def test_an_interrupted_store_goes_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_store_goes_on(tmp_path: Path, capsys: Captured, monkeypatch: Patch) -> None:
     pytest.importorskip("zarr")
     monkeypatch.setattr(store, "LARGEST_BLOCK", 2)
     monkeypatch.setattr(jobs, "LARGEST_CHUNK", 2)
@@ -70,7 +67,7 @@ def interrupting(function: Any, after: int) -> Any:
     return called
 
 
-def test_failures_are_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+def test_failures_are_an_exit_code(capsys: Captured) -> None:
     assert main(["ensemble", "henon-heiles", "--vary", "x=0:1:3", "--t-end", "15"]) == 1
     assert "step_too_small" in capsys.readouterr().out
 
@@ -111,7 +108,7 @@ def test_failures_are_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
         (["--vary", "l=1:2:3", "--out", "a.png", "--what", "max:theta"], "l, theta, theta_dot and t_end. Add --keep m"),
     ],
 )
-def test_wrong_requests_are_refused(options: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_requests_are_refused(options: list[str], text: str, capsys: Captured) -> None:
     assert main(["ensemble", "pendulum", *options]) == 2
     assert text in capsys.readouterr().err.replace("\n", " ")
 
@@ -120,24 +117,15 @@ def test_wrong_requests_are_refused(options: list[str], text: str, capsys: pytes
 # The commands `lagrange export` and `lagrange targets`.
 
 
-Captured = pytest.CaptureFixture[str]
-
-
 def test_export_writes_files_and_says_how_they_are_tested(tmp_path: Path, capsys: Captured) -> None:
     folder = tmp_path / "new" / "out"
-    assert main(["export", "pendulum", "--target", "c", "--out", str(folder), "--contents", "rhs, jacobian"]) == 0
-    said = capsys.readouterr().out
+    request = ["export", "pendulum", "--target", "c", "--out", str(folder)]
+    said = printed(capsys, *request, "--contents", "rhs, jacobian")
     assert [path.name for path in sorted(folder.iterdir())] == ["pendulum.c", "pendulum.h", "pendulum_test.c"]
     assert f"wrote {folder / 'pendulum.c'}" in said
     assert "  ./pendulum_test" in said
-
-
-def test_parameters_and_data(tmp_path: Path, capsys: Captured) -> None:
-    request = ["export", "pendulum", "--target", "c", "--out", str(tmp_path), "--set", "l=2.5", "--json"]
-    assert main(request) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert data["commands"][-1] == "./pendulum_test"
-    assert ", 2.5" in (tmp_path / "pendulum.c").read_text()
+    assert data(capsys, *request, "--set", "l=2.5")["commands"][-1] == "./pendulum_test"
+    assert ", 2.5" in (folder / "pendulum.c").read_text()
 
 
 def test_a_wrong_request_is_said_in_a_sentence(tmp_path: Path, capsys: Captured) -> None:
@@ -149,6 +137,5 @@ def test_a_wrong_request_is_said_in_a_sentence(tmp_path: Path, capsys: Captured)
 
 
 def test_targets_are_listed(capsys: Captured) -> None:
-    assert main(["targets"]) == 0
-    said = capsys.readouterr().out
+    said = printed(capsys, "targets")
     assert all(name in said and about in said for name, about in lg.targets().items())

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from lagrange.cli.program import main
+from tests.drop import Captured
 
 RIGHT = "l*theta_ddot + g*sin(theta) = 0\n"
 
@@ -19,7 +20,7 @@ def graded(folder: Path, text: str | bytes, *options: str) -> int:
     return main(["grade", "pendulum", str(path), *options])
 
 
-def test_right_and_wrong_equations(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_right_and_wrong_equations(tmp_path: Path, capsys: Captured) -> None:
     assert graded(tmp_path, RIGHT) == 0
     assert capsys.readouterr().out == (
         "The equations are right: they are equivalent to those of the system, at the 5 states tried.\n"
@@ -47,7 +48,7 @@ def test_right_and_wrong_equations(tmp_path: Path, capsys: pytest.CaptureFixture
     ],
 )
 def test_what_cannot_be_read_is_a_wrong_request(
-    text: str | bytes, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    text: str | bytes, message: str, tmp_path: Path, capsys: Captured
 ) -> None:
     assert graded(tmp_path, text) == 2
     assert f"{tmp_path / 'answer.txt'}: {message}" in " ".join(capsys.readouterr().err.split())
@@ -66,12 +67,12 @@ def test_answers_of_any_usual_encoding_are_read(encoding: str, tmp_path: Path) -
     ],
     ids=["too long", "missing"],
 )
-def test_a_file_that_cannot_be_opened(name: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_cannot_be_opened(name: str, message: str, capsys: Captured) -> None:
     assert main(["grade", "pendulum", name]) == 2
     assert message in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_folder_of_answers_becomes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_of_answers_becomes_a_table(tmp_path: Path, capsys: Captured) -> None:
     """An unreadable file does not affect the others. Hidden files and folders are ignored."""
     folder = tmp_path / "answers"
     (folder / "older").mkdir(parents=True)
@@ -108,7 +109,7 @@ def test_a_folder_of_answers_becomes_a_table(tmp_path: Path, capsys: pytest.Capt
     ]
 
 
-def test_tables_are_for_folders_that_have_answers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tables_are_for_folders_that_have_answers(tmp_path: Path, capsys: Captured) -> None:
     assert main(["grade", "pendulum", str(tmp_path)]) == 2
     assert f"{tmp_path}: the folder has no files." in " ".join(capsys.readouterr().err.split())
     assert graded(tmp_path, RIGHT, "--out", str(tmp_path / "table.csv")) == 2

@@ -10,84 +10,76 @@ import pytest
 
 from lagrange.cli.program import main
 from lagrange.show.figures.run_figure import WHAT
-from tests.drop import DROP, refused, written
+from tests.drop import DROP, Captured, Patch, data, printed, refused, written
 
 
 @pytest.fixture
-def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def scene(tmp_path: Path, monkeypatch: Patch) -> str:
     monkeypatch.chdir(tmp_path)
     return os.path.relpath(written(tmp_path, DROP))
 
 
 def test_a_scene_without_positions_says_that_its_coordinates_are_drawn(
-    scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    scene: str, tmp_path: Path, capsys: Captured
 ) -> None:
     path = written(tmp_path, DROP.replace('positions = { stone = ["0", "y"] }\n', ""))
-    assert main(["animate", path]) == 0
-    assert "\nNo positions are stated: the coordinates are drawn over time." in capsys.readouterr().out
+    assert "\nNo positions are stated: the coordinates are drawn over time." in printed(capsys, "animate", path)
 
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "start"), [("a.png", b"\x89PNG"), ("a.SVG", b"<?xml"), ("a.pdf", b"%PDF")])
-def test_plot_writes_a_picture(name: str, start: bytes, scene: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plot", scene, "--out", name, "--t-end", "0.5", "--set", "g=3"]) == 0
-    assert capsys.readouterr().out == f"written to {Path(name).resolve()}\n"
+def test_plot_writes_a_picture(name: str, start: bytes, scene: str, capsys: Captured) -> None:
+    said = printed(capsys, "plot", scene, "--out", name, "--t-end", "0.5", "--set", "g=3")
+    assert said == f"written to {Path(name).resolve()}\n"
     assert Path(name).read_bytes().startswith(start)
 
 
-def test_plot_shows_what_is_asked_for(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plot", scene, "--out", "a.svg", "--what", "phase, energies", "--style", "dark"]) == 0
-    assert "written to" in capsys.readouterr().out
+def test_plot_shows_what_is_asked_for(scene: str, capsys: Captured) -> None:
+    options = ("--out", "a.svg", "--what", "phase, energies", "--style", "dark")
+    assert "written to" in printed(capsys, "plot", scene, *options)
     text = Path("a.svg").read_text("utf-8").lower()
     assert "#16191d" in text and text.count('id="axes_') == 2
     assert "what = 'phases' is not a quantity to plot" in refused(capsys, "plot", scene, "--what", "phases")
 
 
-def test_help_names_all_that_a_picture_shows(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plot", "--help"]) == 0
-    text = " ".join(capsys.readouterr().out.split())
+def test_help_names_all_that_a_picture_shows(capsys: Captured) -> None:
+    text = " ".join(printed(capsys, "plot", "--help").split())
     assert f"names with commas: {', '.join(WHAT)}, or a coordinate" in text
 
 
-def test_without_a_name_the_picture_has_that_of_the_scene(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_name_the_picture_has_that_of_the_scene(scene: str, capsys: Captured) -> None:
     assert main(["plot", scene, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {
         "file": str(Path("drop.png").resolve()),
         "status": "success",
         "message": "taylor reached t = 2.",
     }
-    assert main(["animate", scene]) == 0
-    assert capsys.readouterr().out == (
+    assert printed(capsys, "animate", scene) == (
         f"animation of drop: 61 frames, 2 s in real time, t = 0 to 2\nwritten to {Path('drop.html').resolve()}\n"
     )
 
 
-def test_options_of_an_animation_reach_it(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_options_of_an_animation_reach_it(capsys: Captured, tmp_path: Path) -> None:
     out = tmp_path / "a.gif"
     options = ("--speed", "2", "--fps", "10", "--size", "200x240", "--style", "dark", "--trail", "0", "--t-end", "1")
-    assert main(["animate", "pendulum", "--out", str(out), "--json", *options]) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert (data["frames"], data["seconds"], data["speed"], data["notes"]) == (6, 0.5, 2.0, [])
-    assert data["file"] == str(out) and out.read_bytes()[6:10] == bytes((200, 0, 240, 0))
+    made = data(capsys, "animate", "pendulum", "--out", str(out), *options)
+    assert (made["frames"], made["seconds"], made["speed"], made["notes"]) == (6, 0.5, 2.0, [])
+    assert made["file"] == str(out) and out.read_bytes()[6:10] == bytes((200, 0, 240, 0))
 
 
-def test_too_many_frames_and_a_missing_ffmpeg_are_said(
-    scene: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_many_frames_and_a_missing_ffmpeg_are_said(scene: str, capsys: Captured, monkeypatch: Patch) -> None:
     monkeypatch.setattr("shutil.which", lambda _: None)
-    assert main(["animate", scene, "--out", "a.mp4", "--speed", "1e-3"]) == 0
-    said = capsys.readouterr()
-    assert "The first 3,000 of 60,001 frames are shown, to t = 0.0999667: more are too many." in said.out
-    assert "ffmpeg is not installed, which a.mp4 needs: a.html is written instead, with a player." in said.out
-    assert said.err == "" and Path("a.html").exists() and not Path("a.mp4").exists()
+    said = printed(capsys, "animate", scene, "--out", "a.mp4", "--speed", "1e-3")
+    assert "The first 3,000 of 60,001 frames are shown, to t = 0.0999667: more are too many." in said
+    assert "ffmpeg is not installed, which a.mp4 needs: a.html is written instead, with a player." in said
+    assert Path("a.html").exists() and not Path("a.mp4").exists()
 
 
-def test_a_run_that_ends_early_is_drawn_and_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_that_ends_early_is_drawn_and_fails(tmp_path: Path, capsys: Captured) -> None:
     blow_up = DROP.replace('"m*g*y"', '"-m*y**4/4"').replace("y = 5.0", "y = 1.0").replace("g = 10.0\n", "")
     path = written(tmp_path, blow_up)
     for command, name in (("plot", "a.png"), ("animate", "a.html")):
-        assert main([command, path, "--t-end", "50", "--out", str(tmp_path / name)]) == 1
-        said = capsys.readouterr().out
+        said = printed(capsys, command, path, "--t-end", "50", "--out", str(tmp_path / name), code=1)
         assert not said.startswith(("written", "animation")) and f"written to {tmp_path / name}" in said
         assert (tmp_path / name).exists()
 
@@ -110,9 +102,7 @@ def test_a_run_that_ends_early_is_drawn_and_fails(tmp_path: Path, capsys: pytest
         ),
     ],
 )
-def test_wrong_requests(
-    arguments: list[str], message: str, scene: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_wrong_requests(arguments: list[str], message: str, scene: str, capsys: Captured, tmp_path: Path) -> None:
     command, *options = arguments
     before = sorted(path.name for path in tmp_path.iterdir())
     assert refused(capsys, command, scene, *options) == message
@@ -120,7 +110,7 @@ def test_wrong_requests(
 
 
 def test_a_file_that_cannot_be_written_is_refused_before_the_run(
-    scene: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    scene: str, capsys: Captured, monkeypatch: Patch
 ) -> None:
     monkeypatch.setattr("lagrange.cli.writing.load_scene", None)
     for command, name in (("plot", "nowhere/a.png"), ("animate", "nowhere/a.gif")):

@@ -20,6 +20,7 @@ from lagrange.export.languages import fmu as target
 from tests.export.systems import held
 from tests.export.test_c import run
 from tests.models import SCENE_NAMES
+from tests.statement.inputs import VALUES, at, driven
 
 fmpy: Any = pytest.importorskip("fmpy", reason="FMPy is not installed")
 validation: Any = pytest.importorskip("fmpy.validation", reason="FMPy is not installed")
@@ -237,6 +238,22 @@ def test_units_are_defined_and_given(tmp_path: Path) -> None:
         }
     system.export("c", tmp_path)
     assert "parameters: m = 2.0 [kg], k = 3.0 [N/m]" in (tmp_path / "spring.h").read_text()
+
+
+@pytest.mark.slow
+def test_an_fmu_is_driven_through_its_inputs(tmp_path: Path) -> None:
+    time, y = 0.4, np.array([0.7, -1.3])
+    for path in written(driven(), tmp_path, "rhs").values():
+        with instance(path, "ModelExchange", tmp_path) as made:
+            (made.newDiscreteStates if path.stem.endswith("2") else made.updateDiscreteStates)()
+            made.enterContinuousTimeMode()
+            given = {str(name): value for name, value in at(time).items()}
+            made.put([made.references[name] for name in given], [*given.values()])
+            made.setTime(time)
+            made.setContinuousStates(np.ctypeslib.as_ctypes(y), 2)
+            rates = made.read([made.references[name] for name in ("der(theta)", "der(theta_dot)")])
+        expected = driven().substitute(VALUES).compile("numpy").rhs(time, y)
+        assert rates == pytest.approx(expected, rel=1e-13)
 
 
 def test_without_a_compiler_there_is_no_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -63,38 +63,6 @@ def test_an_fmu_has_variables_of_causality_input(tmp_path: Path) -> None:
         assert exchange.get(key) == "false"
 
 
-@pytest.mark.slow
-def test_an_fmu_is_driven_through_its_inputs(tmp_path: Path, expected: list[float]) -> None:
-    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
-    made = driven().export("fmu", tmp_path, ["rhs"])
-    for path in made.files:
-        unpacked = fmpy.extract(str(path), str(tmp_path / path.stem))
-        described = fmpy.read_model_description(unpacked)
-        model = fmpy.instantiate_fmu(unpacked, described, "ModelExchange")
-        modern = "fmi3" in path.name
-        if modern:
-            model.enterInitializationMode(startTime=0.0)
-        else:
-            model.setupExperiment(startTime=0.0)
-            model.enterInitializationMode()
-        model.exitInitializationMode()
-        model.enterContinuousTimeMode()
-        references = [item.valueReference for item in described.modelVariables if item.causality == "input"]
-        values = list(at(TIME).values())
-        model.setFloat64(references, values) if modern else model.setReal(references, values)
-        model.setTime(TIME)
-        state, rates = (ctypes.c_double * 2)(*STATE), (ctypes.c_double * 2)()
-        if modern:
-            model.setContinuousStates(state, 2)
-            model.getContinuousStateDerivatives(rates, 2)
-        else:
-            model.setContinuousStates(state, 2)
-            model.getDerivatives(rates, 2)
-        np.testing.assert_allclose(list(rates), expected, rtol=1e-13)
-        model.terminate()
-        model.freeInstance()
-
-
 def test_a_series_of_an_open_input_is_refused(tmp_path: Path) -> None:
     with pytest.raises(lg.StatementError, match="taylor needs every derivative of X and u, which is left open"):
         driven().export("c", tmp_path, ["taylor"])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sympy import cos, erf, sin
+from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.algorithm.constants import Outcome
@@ -198,17 +198,6 @@ def test_a_matrix_of_parameters_that_is_singular_is_a_status(target: str, tmp_pa
     assert [max(item.status for item in called(target, file, [call], [2.0, k])) for k in (1.0, 2.0)] == [0, 1]
 
 
-@pytest.mark.parametrize("target", ["javascript", "rust"])
-def test_erf_is_refused_by_name(target: str, tmp_path: Path) -> None:
-    x = lg.coordinate("x")
-    system = lg.System(kinetic=x.dot**2 / 2, potential=erf(x), name="bump")
-    with pytest.raises(
-        lg.StatementError, match=f"energy of bump contains erf, which target '{target}' has no function"
-    ):
-        system.export(target, tmp_path, ["energy"])
-    assert system.export("python", tmp_path, ["energy"]).files
-
-
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PROGRAMS = {
     "javascript": ("js", "program.mjs", "node program.mjs"),
@@ -279,10 +268,3 @@ def test_main_writes_the_times_of_the_grid_and_says_why_it_ends_early(target: st
     times = [row.split(",")[0] for row in done.stdout.splitlines()[1:]]
     assert list(map(float, times)) == [7.0 * k / 100 for k in range(11)]
     assert max(map(len, times)) <= len("0.07")
-
-
-@pytest.mark.parametrize("target", ["fortran", "julia", "octave", "rust"])
-@pytest.mark.parametrize("asked", ["rk4", "main", "taylor"])
-def test_a_language_of_quantities_refuses_integrators(target: str, asked: str, tmp_path: Path) -> None:
-    with pytest.raises(lg.StatementError, match=f"target '{target}' has no {asked}: leave it out of contents, or take"):
-        lg.scene("pendulum").export(target, tmp_path, [asked])

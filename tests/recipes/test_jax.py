@@ -50,17 +50,6 @@ def test_gradients_by_parameters_and_by_time_are_differences(jax: Any) -> None:
         np.testing.assert_allclose(slopes[1][:, k], difference, rtol=1e-6, atol=1e-7)
 
 
-@pytest.mark.slow
-def test_the_gradient_of_the_energy_by_reverse_sweep(jax: Any) -> None:
-    of = model("8 carried masses", "numpy")
-    rhs, energy, (time, y) = of.as_jax(), of.as_jax("energy"), list(states(of))[1]
-    p = of.parameter_array()
-    slope = jax.jit(jax.grad(energy, 1))(time, y, p)
-    along = jax.jit(jax.grad(lambda y: (slope * rhs(time, y, p)).sum()))(y)
-    np.testing.assert_allclose(along, slope @ of.jacobian(time, y), rtol=1e-10, atol=1e-10)
-    assert abs(slope @ of.rhs(time, y)) < 1e-11 * abs(slope).max() * abs(of.rhs(time, y)).max()
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_units_do_not_make_a_matrix_singular(n: int, jax: Any) -> None:

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from lagrange.trajectory.trajectory import FloatArray
 
-_NEIGHBOURS = 12
-"""Chords on either side, by their number, that are compared with each point of a curve."""
 
-
-def farthest(t: FloatArray, points: FloatArray, times: FloatArray, corners: FloatArray) -> float:
-    """Return the largest distance from points (2, K) at times t (K,) to a polyline with corners (2, C) at times (C,).
-
-    Only chords near the time of a point count, so the result may be too large, but never too small.
-    """
-    forward = 1.0 if times[-1] >= times[0] else -1.0
-    place = np.searchsorted(forward * times, forward * t) - 1
-    best = np.full(len(t), np.inf)
-    for offset in range(-_NEIGHBOURS, _NEIGHBOURS + 1):
-        chord = np.clip(place + offset, 0, len(times) - 2)
-        begin, along = corners[:, chord], corners[:, chord + 1] - corners[:, chord]
-        square = np.maximum(np.sum(along**2, axis=0), 1e-300)
-        share = np.clip(np.sum((points - begin) * along, axis=0) / square, 0.0, 1.0)
-        best = np.minimum(best, np.hypot(*(points - begin - share * along)))
-    return float(best.max())
+def farthest(exact: FloatArray, lines: list[FloatArray]) -> float:
+    """Return the largest distance in pixels from points (2, K) to polylines (2, C)."""
+    placed = []
+    for line in lines:
+        begin, along = line[:, :-1], np.diff(line)
+        length = np.nan_to_num(np.hypot(*along), nan=-1.0)
+        parts = np.where(length < 0, 0, np.ceil(length / 0.25) + 1).astype(int)
+        chord = np.repeat(np.arange(len(parts)), parts)
+        part = np.arange(len(chord)) - np.repeat(np.cumsum(parts) - parts, parts)
+        placed.append(begin[:, chord] + along[:, chord] * (part / np.maximum(parts[chord] - 1, 1)))
+    tree = KDTree(np.concatenate(placed, axis=1).T)
+    distance = np.asarray(tree.query(exact.T)[0])
+    return float(distance.max())

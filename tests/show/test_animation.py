@@ -134,17 +134,6 @@ def test_a_recording_says_between_which_samples_a_state_was_reset() -> None:
     assert all(t[k] < bounce <= t[k + 1] for k, bounce in zip(record["jumps"], bounces, strict=True))
 
 
-def test_energies_are_drawn_over_time() -> None:
-    animation = double_pendulum(np.linspace(0, 1, 5)).animate()
-    (panel,) = animation.film.panels
-    t = animation.recording.t
-    kinetic, potential, total = panel.rows
-    np.testing.assert_allclose(kinetic, 5.0)
-    np.testing.assert_allclose(potential, -3 * np.cos(t) - np.cos(2 * t))
-    np.testing.assert_allclose(total, kinetic + potential)
-    assert {"energies", "$T$", "$V$", "$E$"} <= texts(animation)
-
-
 def test_energies_far_apart_are_drawn_above_the_least_potential() -> None:
     film = lg.scene("double-pendulum").run(3.0).animate().film
     kinetic, potential, total = film.panels[0].rows
@@ -187,17 +176,6 @@ def test_trails_last_their_time() -> None:
     animation = double_pendulum((0.0, 5.0)).animate(trail=1.0)
     assert scene_of(animation).tail == 30 * animation.recording.detail
     assert '<option value="1" selected>' in animation.to_html()
-
-
-def test_many_points_are_alike_and_have_no_legend() -> None:
-    xs = lg.coordinates(" ".join(f"x{k}" for k in range(12)))
-    places = {f"p{k}": (k, x) for k, x in enumerate(xs)}
-    many = lg.System(kinetic=sum(x.dot**2 for x in xs) / 2, positions=places, initial={xs[0].dot: 1.0}).run(1.0)
-    animation = many.animate()
-    assert len({*scene_of(animation).colours}) == 1 and not {*places} & texts(animation)
-    data = in_page(animation.to_html())
-    assert {*data["colours"]} == {0} and data["size"] < 0.5 and '<ul class="legend">' not in animation.to_html()
-    assert {"first", "second"} <= texts(double_pendulum().animate())
 
 
 @pytest.mark.parametrize("times", [[2.0], [3.0, 3.0]])

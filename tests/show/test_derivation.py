@@ -14,7 +14,6 @@ from lagrange.show.notebook.shown_derivation import ShownDerivation, written_der
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.display import FORMATS
-from tests.models import shared_scene
 from tests.refusals import refusal
 
 m, g, l, k, c = parameters("m g l k c")
@@ -142,14 +141,6 @@ def test_matrices_are_multiplied_into_columns_and_one_of_zeros_is_left_out() -> 
     assert "\n    M*(x_ddot, psi_ddot).T = G.T*lambda[roll]\n    M = " in free.text() and "    h = " not in free.text()
     assert r"M (\ddot{x}, \ddot\psi)^T = G^T \lambda_{\mathrm{roll}}" in free.latex()
     assert r"f_{\mathrm{roll}} = " in free.latex() and r"\psi_{" not in free.latex()
-
-
-def test_a_fraction_is_as_wide_as_its_wider_part_on_paper() -> None:
-    """The steps of a coordinate with fractions fill two lines; no long fraction is in another."""
-    page = shared_scene("swinging-atwood-machine").derivation().latex()
-    steps = page.partition("Coordinate $x$}")[2].partition("\\section")[0]
-    assert steps.count("\\[") == 2 and "\\sqrt" in steps
-    assert r"\ddot{y} = -\frac{1}{m + M} \left(\frac" in page
 
 
 def test_an_energy_is_merged_where_it_is_stated() -> None:

@@ -131,14 +131,6 @@ def test_two_names_never_look_the_same(notation: type[Notation]) -> None:
     assert len({writer.letter(name) for name in names}) == len(names)
 
 
-def test_greek_names_are_letters_and_plain_text_is_plain() -> None:
-    angle = lg.coordinate("θ")
-    system = lg.System(m * l**2 * angle.dot**2 / 2, -m * g * l * cos(angle), name="pendulum")
-    assert "m l² θ̈ + m g l sin θ = 0" in system.derivation().unicode()
-    assert r"m l^2 \ddot\theta + m g l \sin \theta = 0" in system.derivation().latex()
-    assert system.derivation().text().isascii() and "m*l**2*theta_ddot" in system.derivation().text()
-
-
 def clashing() -> lg.System:
     names = lg.parameters("E T V L D Q_x p_x")
     energy, period, volume, length, drag, force, momentum = names

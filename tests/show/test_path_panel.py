@@ -59,10 +59,6 @@ def test_round_off_of_a_place_fills_no_panel() -> None:
     assert axis.get_xlim() == pytest.approx((5.0, 15.0))
 
 
-def test_long_numbers_below_a_plane_stand_apart() -> None:
-    nothing_overlaps(moving(150 * a + 1e6, 300 * b + 2e5).plot("path"))
-
-
 def test_many_points_have_one_colour_and_no_legend() -> None:
     for count, names in ((10, 10), (11, 0)):
         places = {f"p{k}": (a + k, b) for k in range(count)}

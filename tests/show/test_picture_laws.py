@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
-from scipy.spatial import KDTree
 
 import lagrange as lg
 from lagrange.show.figures.curve import first_times
@@ -20,6 +19,7 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import SCENE_NAMES
 from tests.show.examples import oscillator, x
+from tests.show.polylines import farthest
 
 DPI = 150
 """Dots to an inch of a file."""
@@ -37,21 +37,6 @@ def drawn(figure: Any, dpi: int = DPI) -> Any:
     return figure
 
 
-def off(exact: FloatArray, lines: list[FloatArray]) -> float:
-    """Return the largest distance in pixels from points (2, K) to polylines (2, C)."""
-    placed = []
-    for line in lines:
-        begin, along = line[:, :-1], np.diff(line)
-        length = np.nan_to_num(np.hypot(*along), nan=-1.0)
-        parts = np.where(length < 0, 0, np.ceil(length / 0.25) + 1).astype(int)
-        chord = np.repeat(np.arange(len(parts)), parts)
-        part = np.arange(len(chord)) - np.repeat(np.cumsum(parts) - parts, parts)
-        placed.append(begin[:, chord] + along[:, chord] * (part / np.maximum(parts[chord] - 1, 1)))
-    tree = KDTree(np.concatenate(placed, axis=1).T)
-    distance = np.asarray(tree.query(exact.T)[0])
-    return float(distance.max())
-
-
 def seen(axis: Any, points: FloatArray) -> FloatArray:
     """Return points (2, K) of a panel, converted to pixels."""
     return np.asarray(axis.transData.transform(points.T).T)
@@ -66,7 +51,7 @@ def curves_are_exact(run: Solution) -> None:
     states = run.at(fine)
     for axis, row in list(zip(figure.axes, states[: len(names)], strict=False))[: 1 if len(first) > 50_000 else 2]:
         (line,) = axis.lines
-        assert off(seen(axis, np.array([fine, row])), [seen(axis, line.get_xydata().T)]) < 1.0
+        assert farthest(seen(axis, np.array([fine, row])), [seen(axis, line.get_xydata().T)]) < 1.0
     path = figure.axes[-1]
     lines = [line for line in path.lines if 2.0 <= line.get_zorder() < 3.0]
     begun = float(path.get_title("left").partition("from t = ")[2].partition(" ")[0] or run.t[0])
@@ -77,7 +62,10 @@ def curves_are_exact(run: Solution) -> None:
     fixed = fixed_points(run.model.statement)
     exact = [view.of(points) for name, points in named_points(run, late).items() if not fixed[name]]
     where = np.concatenate([seen(path, points) for points in exact], axis=1)
-    assert off(where[:, :: max(1, where.shape[1] // 200_000)], [seen(path, line.get_xydata().T) for line in lines]) < 1
+    assert (
+        farthest(where[:, :: max(1, where.shape[1] // 200_000)], [seen(path, line.get_xydata().T) for line in lines])
+        < 1
+    )
 
 
 @pytest.mark.few(1)

@@ -16,7 +16,7 @@ from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 from tests.show.animations import double_pendulum
-from tests.show.examples import free, m, moving, oscillator, solved, x
+from tests.show.examples import m, moving, oscillator, solved, x
 
 LINKED = [("origin", "p")]
 
@@ -45,13 +45,6 @@ def test_one_coordinate_and_its_energy() -> None:
     assert len(times) > 1000, "the path between the outputs is drawn"
     np.testing.assert_allclose(values, np.cos(2 * times), atol=1e-12)
     assert np.abs(figure.axes[1].lines[0].get_ydata()).max() < 1e-14
-
-
-@pytest.mark.slow
-def test_a_hundred_coordinates_share_panels() -> None:
-    figure = free(100).plot()
-    assert len(figure.axes) == 26 and titles(figure)[0] == "coordinates x1 to x4"
-    assert sum(len(axis.lines) for axis in figure.axes[:-1]) == 100
 
 
 def test_a_long_name_stands_above() -> None:

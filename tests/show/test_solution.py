@@ -109,14 +109,6 @@ def test_the_card_is_plain_json() -> None:
     assert card["energy"]["conserved"] is True and card["energy"]["relative"] < 1e-14
 
 
-def test_repr_is_the_status_card() -> None:
-    assert repr(HARMONIC).splitlines()[0] == "oscillator: success"
-    for words in ("method        exact", "0 to 5, 51 outputs", "50 (3 rejected), 44 evaluations", "12.3 ms"):
-        assert words in repr(HARMONIC)
-    assert "energy drift" in repr(HARMONIC) and "of the initial energy" in repr(HARMONIC)
-    assert "message       done" in repr(HARMONIC), "which says what the method chose on its own"
-
-
 def test_the_card_says_what_was_aimed_at() -> None:
     settings = ("step", "rtol", "atol")
     unknown = HARMONIC.card()

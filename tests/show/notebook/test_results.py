@@ -129,14 +129,6 @@ def test_a_parameter_without_a_value_is_said_to_have_none() -> None:
     assert "$m = 2$" in page and "$k$ without a value" in page and "**Initial state**  all 0" in page
 
 
-def test_a_derivation_is_its_text_with_the_structure_and_pickles() -> None:
-    derivation = SYSTEM.derivation()
-    assert str(derivation) == derivation.text() and "\nRemarks\n" in derivation.text()
-    again = pickle.loads(pickle.dumps(derivation))
-    assert again.text() == derivation.text() and again._repr_markdown_() == derivation._repr_markdown_()
-    assert "Remarks" in derivation._repr_markdown_()
-
-
 def test_a_short_derivation_leaves_out_the_steps() -> None:
     full, short = SYSTEM.derivation(), SYSTEM.derivation(detail="short")
     headings = [line for line in short.text().splitlines() if line[:1].isupper()]
