@@ -7,7 +7,6 @@ import json
 import os
 import re
 import runpy
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -143,18 +142,6 @@ def test_every_tolerance_has_a_reason(path: Path) -> None:
 def test_every_link_of_the_notebook_leads_somewhere(path: Path) -> None:
     targets = [target for _, source in cells(path, "markdown") for target in LINK.findall(source)]
     assert [target for target in targets if "://" not in target and not (path.parent / target).exists()] == []
-
-
-def test_the_cells_keep_the_rules_of_the_examples() -> None:
-    for check in (["check", "--quiet"], ["format", "--check", "--quiet"]):
-        made = subprocess.run(
-            [sys.executable, "-m", "ruff", *check, *map(str, NOTEBOOKS)],
-            check=False,
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-        )
-        assert made.returncode == 0, made.stdout + made.stderr
 
 
 def test_what_a_notebook_gave_is_kept_for_its_text_and_replaced(

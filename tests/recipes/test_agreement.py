@@ -180,12 +180,3 @@ def test_a_matrix_that_is_not_finite_is_not_singular(n: int, package: str) -> No
     for state, (result, status) in zip(starts, told(package, of, *starts), strict=True):
         np.testing.assert_array_equal(result, of.interpreted("rhs")(0.0, state, of.parameter_array()))
         assert not status
-
-
-@pytest.mark.parametrize("package", [CASADI, JAX])
-def test_what_has_no_value_is_nan_or_infinite_as_in_the_model(package: str) -> None:
-    of = build("numpy", kinetic=x.dot**2 / 2, potential=1 / x + x ** (5 / 2), initial={x: 1.0})
-    result, p = by(package, of), of.parameter_array()
-    for start in ([0.0, 1.0], [-1.0, 1.0], [np.nan, 1.0], [np.inf, 1.0], [1.0, -np.inf]):
-        state = np.array(start)
-        np.testing.assert_array_equal(np.ravel(result(0.0, state, p)), of.kernel("rhs")(0.0, state, p))

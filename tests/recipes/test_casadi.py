@@ -21,14 +21,6 @@ def test_names_and_sizes() -> None:
     assert of.as_casadi("energy").name_out() == ["energy"]
 
 
-def test_both_kinds_of_symbols_give_the_same_digits() -> None:
-    of = named("four-bar")
-    made = [of.as_casadi(symbols=kind) for kind in ("SX", "MX")]
-    assert [item.is_a("SXFunction") for item in made] == [True, False]
-    for time, y in states(of):
-        np.testing.assert_array_equal(*(item(time, y, of.parameter_array()).full() for item in made))
-
-
 def test_no_parameters_and_unknown_symbols() -> None:
     of = named("henon-heiles")
     assert not of.parameter_array().size
