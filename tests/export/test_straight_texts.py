@@ -14,18 +14,31 @@ from tests.export.callers import LANGUAGES, missing, run, section
 from tests.export.systems import named
 from tests.export.test_modules import coupled
 
-MOTION = (
-    "    Real theta(start = 2.0, fixed = true);\n    Real theta_dot(start = 0.0, fixed = true);\n",
-    "    parameter Real p[6] = Functions.prepare({m, g, l});\n",
-    "    rates = Functions.rhs(time, {theta, theta_dot}, p);\n    der(theta) = rates[1];\n",
-    "    energy = Functions.energy(time, {theta, theta_dot}, p);\n    annotation(experiment(StopTime = 10.0,",
-)
-"""Lines of the Modelica model of a pendulum, which no test of functions reads."""
+TEXTS = {
+    "fortran": (
+        "  pure subroutine energy(t, y, p, out, singular)\n    ! The energy v.p - L, which is T + V where T is",
+    ),
+    "julia": (
+        '"""\n    energy!(out, t, y, p)\n\nThe energy v.p - L, which is T + V where T is quadratic in the velocities.',
+        '    length(y) < 2 && throw(DimensionMismatch("y has fewer than 2 numbers"))\n',
+    ),
+    "rust": (
+        "pub fn energy(t: f64, y: &[f64], p: &[f64], out: &mut [f64]) -> bool {\n    let (y, p, out) = (&y[..STATE], ",
+    ),
+    "modelica": (
+        "    Real theta(start = 2.0, fixed = true);\n    Real theta_dot(start = 0.0, fixed = true);\n",
+        "    parameter Real p[6] = Functions.prepare({m, g, l});\n",
+        "    rates = Functions.rhs(time, {theta, theta_dot}, p);\n    der(theta) = rates[1];\n",
+        "    energy = Functions.energy(time, {theta, theta_dot}, p);\n    annotation(experiment(StopTime = 10.0,",
+    ),
+}
+"""Text on which no result of a function depends: comments, checks of sizes, the Modelica model of a pendulum."""
 
 
-def test_a_modelica_model_moves_from_the_stated_state_by_its_functions(tmp_path: Path) -> None:
-    text = lg.scene("pendulum").export("modelica", tmp_path, ["energy"]).files[0].read_text()
-    assert all(f"\n{part}" in text for part in MOTION)
+@pytest.mark.parametrize("target", TEXTS)
+def test_text_that_no_result_shows(target: str, tmp_path: Path) -> None:
+    text = lg.scene("pendulum").export(target, tmp_path, ["energy"]).files[0].read_text()
+    assert [part for part in TEXTS[target] if f"\n{part}" not in text] == []
 
 
 @pytest.mark.parametrize("name", ["test", "random", "dict", "base", "sin"])

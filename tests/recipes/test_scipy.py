@@ -162,6 +162,10 @@ def test_numbers_are_exact_and_short_where_they_can_be(value: float) -> None:
     assert number(value).is_Rational == (value in (2.0, 0.25, -0.375))
 
 
+def test_numbers_without_a_value() -> None:
+    assert number(math.inf) is sp.oo and number(-math.inf) == -sp.oo and number(math.nan) is sp.nan
+
+
 PRINTERS = [sp.ccode, sp.fcode, sp.pycode, sp.octave_code, sp.julia_code, sp.jscode, sp.rust_code, sp.cxxcode, sp.latex]
 
 
