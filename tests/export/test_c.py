@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 import shutil
 import subprocess
@@ -12,7 +11,6 @@ import pytest
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from tests.export.callers import section
 
 WARNINGS = "cc -std=c99 -O1 -Wall -Wextra -Wconversion -Werror"
 CONTENTS = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations", "rk4", "dop853", "main")
@@ -58,18 +56,6 @@ def test_switching_surfaces_are_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(StatementError, match=r"crosses no switching surfaces .*leave 'taylor' out of contents"):
         lg.scene("falling-ball").export("c", tmp_path / "made", ["taylor"])
     assert not (tmp_path / "made").exists()
-
-
-def test_the_program_of_the_page_runs(tmp_path: Path) -> None:
-    program, build = (re.findall(rf"```{kind}\n(.*?)```", section("C"), re.DOTALL) for kind in ("c", "sh"))
-    system = lg.scene("double-pendulum")
-    system.export("c", tmp_path, ["rhs", "energy", "dop853"])
-    (tmp_path / "program.c").write_text(program[0])
-    run(build[1], tmp_path)
-    result = [float(number) for number in run("./program", tmp_path).split()]
-    ours = system.run(2.0, {"theta1": 1.0, "theta2": 0.5}, parameters={"l2": 0.5}, rtol=1e-12)
-    # the tolerance of the page is 1e-10; two units of time multiply an error by less than a thousand
-    assert result == pytest.approx([*ours.y[:2, -1], ours.energy[-1]], abs=1e-7)
 
 
 @needs_cc

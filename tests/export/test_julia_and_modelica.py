@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from tests.covering import Share
 from tests.export.graphs import as_module, graph, points, wrong
 from tests.export.read_as_python import Places, of_julia, of_modelica
 from tests.export.systems import every_scene, held, named
+from tests.export.test_every_target import accepted, awkward
 from tests.export.test_modules import coupled, on_a_sphere
 
 QUANTITIES = ["rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations"]
@@ -96,28 +98,14 @@ def test_random_graphs(target: str, share: Share) -> None:
             assert list(wrong(item, y, read.values(item.name, 0.0, y, p, len(item.outputs)))) == []
 
 
-AWKWARD = (
-    *("x0", "lam1", "t_", "θ", "ω2", "theta", "a" * 63, "a" * 64, "m", "M", "t1", "y", "p", "out", "h"),
-    *("sinus", "cosine", "Math", "math", "np", "bits", "powf", "cell", "cells", "at", "part", "singular", "inf", "nan"),
-    *("fn", "let", "self", "Self", "default", "true", "null", "this", "new", "var", "void", "mut", "match", "loop"),
-    *("end", "endif", "otherwise", "until", "persistent", "zeros", "pick", "data", "dimension", "merge", "dp", "DP"),
-    *("allocate", "subroutine", "function", "local", "ifelse", "smaller", "equal", "infinity", "found"),
-    *("use", "mod_", "crate", "super", "where", "dyn", "type", "i", "x7", "eval", "power", "abs_", "A0", "Reals"),
-    *("STATE", "ENERGY", "None_"),
-)
-WORDS: Mapping[str, tuple[str, ...]] = {
-    "julia": ("function", "end", "Inf", "NaN", "ifelse", "sin_of", "Float64", "mutable", "begin", "local", "one"),
-    "modelica": (
-        *("der", "time", "Real", "rates", "Motion", "equation", "start", "model", "end", "Functions", "rhs", "initial"),
-        *("input", "fixed", "parameter", "protected", "noEvent", "pre", "integer", "type", "within", "flow", "div"),
-    ),
-}
+RESERVED = {"julia": julia.RESERVED, "modelica": modelica.RESERVED}
 
 
 @pytest.mark.few(1)
 @both
 def test_awkward_names(target: str) -> None:
-    right(target, module(target, named(AWKWARD[:8], (*AWKWARD[8:], *WORDS[target]), "float64"), ["rhs", "energy"]))
+    words = [*dict.fromkeys((*islice(awkward(), 30), *filter(accepted, RESERVED[target])))]
+    right(target, module(target, named(words[:8], words[8:], "float64"), ["rhs", "energy"]))
 
 
 @both

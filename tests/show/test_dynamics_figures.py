@@ -21,7 +21,6 @@ from lagrange.dynamics.axes import TURN
 from lagrange.errors import StatementError
 from lagrange.show.dynamics import Drawn
 from lagrange.show.figures.dynamics_figures import MOST_MODES, PANEL_HEIGHT, PANEL_WIDTH
-from lagrange.show.figures.panel import turned_lines
 from lagrange.show.figures.style import DARK
 from tests.dynamics.planar import damped_pendulum, duffing, hoop, pendulum, star, theta, x, y
 from tests.models import shared_scene
@@ -102,16 +101,6 @@ def test_orbits_are_drawn_within_a_pixel_and_wrapped() -> None:
     assert np.isnan(drawn[1]).any()
     assert np.nanmax(drawn[1][:, 0]) == pytest.approx(np.pi)
     assert np.nanmin(drawn[1][:, 0]) == pytest.approx(-np.pi)
-
-
-def test_a_line_in_an_angle_is_cut_at_the_border_and_repeated_for_each_turn() -> None:
-    place, height = np.array([3.0, 3.5, 4.0]), np.array([0.0, 1.0, 2.0])
-    ((line, heights),) = turned_lines(place, height, -np.pi, np.pi)
-    assert line[:4] == pytest.approx([3.0, np.pi, np.nan, -np.pi], nan_ok=True)
-    assert line[4:] == pytest.approx([3.5 - TURN, 4.0 - TURN])
-    assert heights[1] == heights[3] == pytest.approx((np.pi - 3.0) / 0.5)
-    copies = turned_lines(place, height, -TURN, TURN)
-    assert [copy[0] for copy, _ in copies] == pytest.approx([3.0 - TURN, 3.0])
 
 
 def test_a_portrait_marks_equilibria_and_says_what_is_what() -> None:

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
 import lagrange as lg
 from lagrange.show.figures.paths import SPRING_TURNS, spring
-from lagrange.show.figures.style import COLOURS, DARK, LIGHT, colours, new_figure
+from lagrange.show.figures.style import DARK, LIGHT, new_figure
 from lagrange.show.files.picture import MOST_BYTES, bounded_png
 from tests.show.examples import oscillator
 
@@ -61,16 +60,6 @@ def test_a_spring_goes_from_end_to_end_and_is_as_wide_as_asked(length: float) ->
 def test_a_spring_of_no_length_is_a_point() -> None:
     point = np.array([1.0, 2.0])
     assert np.array_equal(spring(point, point, 0.1), np.repeat(point[:, None], 2 * SPRING_TURNS + 3, axis=1))
-
-
-# --- The colours of lines that are drawn together differ ---
-
-
-@pytest.mark.parametrize("count", [0, 1, 8, 9, 39, 100])
-def test_no_colour_comes_twice(count: int) -> None:
-    result = colours(count)
-    assert len(result) == len(set(result)) == count and all(len(to_rgb(colour)) == 3 for colour in result)
-    assert count > 8 or result == COLOURS[:count]
 
 
 # --- Figures show themselves ---
