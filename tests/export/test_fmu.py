@@ -227,15 +227,9 @@ def test_units_are_defined_and_given(tmp_path: Path) -> None:
         described = fmpy.read_model_description(str(path))
         about = {item.name: item.description for item in described.modelVariables}
         assert (about["x"], about["x_dot"], about["m"]) == ("coordinate", "velocity of x", "parameter")
-        assert {item.name: item.unit for item in described.modelVariables if item.unit and item.name != "time"} == {
-            "x": "m",
-            "x_dot": "m/s",
-            "der(x)": "m/s",
-            "der(x_dot)": "m/s2",
-            "energy": "J",
-            "m": "kg",
-            "k": "N/m",
-        }
+        units = {item.name: item.unit for item in described.modelVariables if item.unit and item.name != "time"}
+        assert {units.pop(name) for name in ("x_dot", "der(x)")} == {"m/s"}
+        assert units == {"x": "m", "der(x_dot)": "m/s2", "energy": "J", "m": "kg", "k": "N/m"}
     system.export("c", tmp_path)
     assert "parameters: m = 2.0 [kg], k = 3.0 [N/m]" in (tmp_path / "spring.h").read_text()
 

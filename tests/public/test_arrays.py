@@ -22,7 +22,7 @@ import lagrange as lg
 from lagrange import methods
 from lagrange.cli import program as cli
 from lagrange.errors import LONGEST_SENTENCE, formula, shown
-from tests.public.surface import flow, model, solution
+from tests.public.surface import flow, model, solution, system
 from tests.refusals import refusal
 
 WRONG: list[tuple[Any, str]] = [
@@ -216,6 +216,9 @@ def endless() -> Iterator[str]:
 
 
 loose: Any = lg  # calls that the types refuse
+loose_model: Any = model
+loose_flow: Any = flow
+loose_system: Any = system
 
 WRONG_ARGUMENTS: list[tuple[Callable[[], Any], str]] = [
     (lambda: ensemble().explain(99), "member = 99: give a whole number from 0 to 2."),
@@ -242,6 +245,22 @@ WRONG_ARGUMENTS: list[tuple[Callable[[], Any], str]] = [
     (lambda: pendulum().plot_eigenvalues("m", [*range(10_001)]), "values of m, at least 1 and at most 10000."),
     (lambda: compiled().compile("numpy", check=iter([1])), "give True or False."),
     (lambda: pendulum().export("c", "a\x1b[31m"), "the path 'a\\x1b[31m' has control characters: give another name."),
+    (lambda: loose.methods.RK4().integrate({}), "rk4 cannot run"),
+    (lambda: lg.targets()["C"], "there is no target 'C'; the targets are c, "),
+    (lambda: lg.shape("box", None, ({}, 1, 1)), "an entry of the size of a shape is {}"),
+    (lambda: lg.table(sympy.Symbol("q", commutative=False), [0, 1, 2, 3], [0, 1, 0, 1]), "not real"),
+    # Parts of arguments, which were accepted and raised Python's errors later.
+    (lambda: loose_model().on_same_machine(loose_system().statement, 5), "kept = 5"),
+    (lambda: loose_model().mass_matrix([range(10**9)]), "q has 1e+09 entries"),
+    (lambda: loose_model().momenta([0.1, 0.2], [0.1, 0.2], [[range(10**9)]]), "the time t has 1e+09"),
+    (lambda: loose_model().singular_message(0.0, [[]]), "q has shape"),
+    (lambda: loose_model().rhs(0.0, [[1.0, 2.0], [True, 0.0]]), "y has entries of type bool"),
+    (lambda: loose_model().rhs(0.0, b"abcd"), "y is the text b'abcd': give real numbers"),
+    (lambda: loose_flow()([1.0, 0.0, 0.0, 0.0], 0.0, 0.1, [1.0]), "or a NumPy array of 2 values in the order"),
+    (lambda: loose_flow()([[1.0, 0.0, 0.0, 0.0]], 0.0, 0.1), "A flow takes one state; lg.ensemble runs many"),
+    (lambda: solution().at(0.5 + 1e-9), "t = 0.500000001 is outside the run, which went from 0 to"),
+    (lambda: loose_system().accelerations()["x"], "the keys are the coordinates x and y themselves"),
+    (lambda: loose_system().compare({"x": np.zeros(3)}), "give a number"),
 ]
 
 

@@ -14,12 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import sympy
 
 import lagrange as lg
 from lagrange.errors import LONGEST_SENTENCE
 from lagrange.trajectory.methods import registry
-from tests.public.surface import INSTANCES, Public, arguments, classes, flow, surface
+from tests.public.surface import INSTANCES, Public, arguments, classes, surface
 from tests.public.values import KINDS, MADE, Hostile
 from tests.refusals import nested
 
@@ -158,37 +157,6 @@ def test_what_is_called_rightly_works(tmp_path: Path) -> None:
 
 UNTYPED: Any = lg
 """The package, for calls that a type checker would refuse."""
-
-LISTED: Any = [1.0]
-UNTYPED_BYTES: Any = b"abcd"
-"""Values of types that a type checker would refuse."""
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda: INSTANCES[lg.Model]().on_same_machine(INSTANCES[lg.System]().statement, 5), "kept = 5"),
-        (lambda: UNTYPED.methods.RK4().integrate({}), "rk4 cannot run"),
-        (lambda: INSTANCES[lg.Model]().mass_matrix([range(10**9)]), "q has 1e.09 entries"),
-        (lambda: INSTANCES[lg.Model]().momenta([0.1, 0.2], [0.1, 0.2], [[range(10**9)]]), "the time t has 1e.09"),
-        (lambda: INSTANCES[lg.Model]().singular_message(0.0, [[]]), "q has shape"),
-        (lambda: INSTANCES[lg.Model]().rhs(0.0, [[1.0, 2.0], [True, 0.0]]), "y has entries of type bool"),
-        (lambda: flow()([1.0, 0.0, 0.0, 0.0], 0.0, 0.1, LISTED), "or a NumPy array of 2 values in the order"),
-        (lambda: flow()([[1.0, 0.0, 0.0, 0.0]], 0.0, 0.1), "A flow takes one state; lg.ensemble runs many"),
-        (lambda: INSTANCES[lg.Model]().rhs(0.0, UNTYPED_BYTES), "y is the text b'abcd': give real numbers"),
-        (lambda: INSTANCES[lg.Solution]().at(0.5 + 1e-9), "t = 0.500000001 is outside the run, which went from 0 to"),
-        (lambda: lg.shape("box", None, ({}, 1, 1)), r"an entry of the size of a shape is \{\}"),
-        (lambda: lg.targets()["C"], "there is no target 'C'; the targets are c, "),
-        (lambda: INSTANCES[lg.System]().accelerations()["x"], "the keys are the coordinates x and y themselves"),
-        (lambda: INSTANCES[lg.System]().compare({"x": np.zeros(3)}), "give a number"),
-        (lambda: lg.table(sympy.Symbol("q", commutative=False), [0, 1, 2, 3], [0, 1, 0, 1]), "not real"),
-    ],
-)
-def test_wrong_parts_are_refused(call: Any, words: str) -> None:
-    """Such parts were accepted, and raised Python's errors later."""
-    with pytest.raises(lg.StatementError, match=words):
-        call()
-
 
 TWICE: dict[str, Callable[[lg.System, Any, Any], Any]] = {
     "initial": lambda system, x, m: system.run(0.1, {x: 1.0, "x": 2.0}),
