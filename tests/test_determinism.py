@@ -65,7 +65,7 @@ EXPORTED = {
 
 def exports() -> dict[str, str]:
     """Return the text of all exported files."""
-    result = {}
+    result: dict[str, str] = {}
     for name, contents in EXPORTED.items():
         for target in lg.targets().keys() - {"fmu"}:
             steps = find(target).contents >= {"steps", "main"}

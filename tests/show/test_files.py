@@ -26,7 +26,7 @@ from lagrange.errors import RunError, StatementError
 from lagrange.export import contents as export_contents
 from lagrange.page import player
 from lagrange.page import web_page as page_write
-from lagrange.show.files.atomic_file import cell, write_atomically, write_together
+from lagrange.show.files.atomic_file import cell, write_atomically, write_rows, write_together
 from lagrange.trajectory.solution import Solution
 from tests.systems import unit_pendulum
 
@@ -110,6 +110,11 @@ def test_a_link_is_followed_and_permissions_are_kept(tmp_path: Path) -> None:
         (Fraction(-1, 2), "-0.5"),
         ("theta_dot", "theta_dot"),
         ("=1+1", "'=1+1"),
+        (" =1", "' =1"),
+        ("\t=1", "'\t=1"),
+        ('a "b", c', '"a ""b"", c"'),
+        ("a\nb", '"a\nb"'),
+        ("=a,b", '"\'=a,b"'),
     ],
 )
 def test_cells(value: object, text: str) -> None:
@@ -122,6 +127,12 @@ def test_any_text_survives_and_none_is_a_formula(texts: list[str]) -> None:
     (read,) = list(csv.reader(io.StringIO(line, newline="")))
     assert [result.removeprefix("'") for result in read] == [text.removeprefix("'") for text in texts]
     assert not any(result.lstrip(" ").startswith(("=", "+", "-", "@", "\t", "\r")) for result in read)
+
+
+def test_columns_have_one_length(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="zip"):
+        write_atomically(tmp_path / "b.csv", lambda file: write_rows(file, ("i", "x"), (range(3), range(4))))
+    assert left_in(tmp_path) == []
 
 
 # --- A folder with the last file holds one whole set of files, whatever stops the writing, and wherever ---
