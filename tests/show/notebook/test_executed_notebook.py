@@ -21,6 +21,7 @@ from sympy import cos
 theta = lg.coordinate("theta")
 m, g, l = lg.parameters("m g l")
 pendulum = lg.System(m*l**2*theta.dot**2/2, -m*g*l*cos(theta), parameters={m: 1, g: 9.81, l: 1}, initial={theta: 2.0})
+model = pendulum.compile()  # which may take long enough to be announced
 """
 
 CELLS: dict[str, tuple[str, str]] = {
