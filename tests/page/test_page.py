@@ -224,6 +224,7 @@ def test_sliders_that_are_asked_for_stand_first(tmp_path: Path) -> None:
         ({"sliders": {"l": 3}}, "the slider of l is 3: give its lower and its upper bound, such as (0.5, 2.0)."),
         ({"sliders": {"l": (0, float("inf"))}}, "a bound of the slider of l is inf: give a finite number."),
         ({"sliders": {"l": (0, 0)}}, "the slider of l goes from 0 to 0, which is an empty range"),
+        ({"sliders": {"l": (0.2, 0.5)}}, "but l is 1: give bounds with 1 between them, or l another value."),
         ({"sliders": {"l": (2, 0)}}, "the slider of l goes from 2 to 0: give the lower bound first, (0, 2)."),
         (
             {"sliders": {"l": (2, 3)}},

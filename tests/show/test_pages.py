@@ -35,7 +35,7 @@ SCENES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) 
 @pytest.mark.parametrize("file", GOLDEN)
 def test_golden_pages(file: str) -> None:
     name, style = GOLDEN[file]
-    assert shared_scene(name).derivation().written(style) == (PAGES / file).read_text("utf-8")
+    assert getattr(shared_scene(name).derivation(), style)() == (PAGES / file).read_text("utf-8")
 
 
 @pytest.mark.few(1)
