@@ -189,6 +189,16 @@ def test_multipliers_stand_behind_the_state_in_tables(tmp_path: Path) -> None:
     assert run.to_pandas()["lambda[rod]"].tolist() == run.multipliers["rod"].tolist()
 
 
+def test_npz_needs_no_pickle(tmp_path: Path) -> None:
+    path = HARMONIC.to_npz(tmp_path / "run.npz")
+    with np.load(path, allow_pickle=False) as stored:
+        np.testing.assert_array_equal(stored["t"], HARMONIC.t)
+        np.testing.assert_array_equal(stored["y"], HARMONIC.y)
+        np.testing.assert_array_equal(stored["energy"], HARMONIC.energy)
+        assert stored["names"].tolist() == ["x", "x_dot"]
+        assert json.loads(str(stored["card"])) == HARMONIC.card()
+
+
 def test_pandas_and_xarray() -> None:
     pytest.importorskip("pandas")
     pytest.importorskip("xarray")
