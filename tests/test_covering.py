@@ -8,7 +8,9 @@ import random
 import subprocess
 import sys
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 from tests import covering
 from tests.covering import Case
@@ -127,6 +129,19 @@ def test_a_text_is_compiled_once_and_again_where_its_file_is_damaged(tmp_path: P
     for file in kept.folder.glob("*"):
         file.write_bytes(file.read_bytes()[:-1] + b"9")
     assert kept("a", 0, None) == b"a 0" and compiled == [*ways, ("a", 0)]
+
+
+def test_threads_that_compile_one_text_at_once_all_keep_it(tmp_path: Path) -> None:
+    together = Barrier(8)
+
+    def compile_text(text: str, effort: int, passes: object) -> bytes:
+        together.wait(timeout=60)
+        return text.encode()
+
+    kept = KeptCode(tmp_path / "code", compile_text)
+    with ThreadPoolExecutor(8) as threads:
+        codes = list(threads.map(lambda _: kept("a" * 100_000, 2, None), range(8)))
+    assert codes == [b"a" * 100_000] * 8 and len(list(kept.folder.glob("*"))) == 1
 
 
 def test_files_that_were_read_longest_ago_are_removed(tmp_path: Path) -> None:

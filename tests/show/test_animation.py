@@ -178,6 +178,17 @@ def test_trails_last_their_time() -> None:
     assert '<option value="1" selected>' in animation.to_html()
 
 
+def test_many_points_are_alike_and_have_no_legend() -> None:
+    xs = lg.coordinates(" ".join(f"x{k}" for k in range(12)))
+    places = {f"p{k}": (k, x) for k, x in enumerate(xs)}
+    many = lg.System(kinetic=sum(x.dot**2 for x in xs) / 2, positions=places, initial={xs[0].dot: 1.0}).run(1.0)
+    animation = many.animate()
+    assert len({*scene_of(animation).colours}) == 1 and not {*places} & texts(animation)
+    data = in_page(animation.to_html())
+    assert {*data["colours"]} == {0} and data["size"] < 0.5 and '<ul class="legend">' not in animation.to_html()
+    assert {"first", "second"} <= texts(double_pendulum().animate())
+
+
 @pytest.mark.parametrize("times", [[2.0], [3.0, 3.0]])
 def test_one_state_is_one_frame(times: Any) -> None:
     animation = oscillator(times).animate()

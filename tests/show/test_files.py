@@ -274,3 +274,10 @@ def test_a_folder_that_cannot_be_made_is_refused_first(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(lg.StatementError, match="cannot be made"):
         unit_pendulum().export("python", tmp_path / "file" / "out")
+
+
+@pytest.mark.usefixtures("lazy")
+def test_a_folder_that_may_not_be_written_to_is_refused_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
+    with pytest.raises(lg.StatementError, match="may not be written to"):
+        WRITERS["html"](tmp_path)

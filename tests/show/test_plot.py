@@ -47,6 +47,13 @@ def test_one_coordinate_and_its_energy() -> None:
     assert np.abs(figure.axes[1].lines[0].get_ydata()).max() < 1e-14
 
 
+@pytest.mark.slow
+def test_a_hundred_coordinates_share_panels() -> None:
+    figure = free(100).plot()
+    assert len(figure.axes) == 26 and titles(figure)[0] == "coordinates x1 to x4"
+    assert sum(len(axis.lines) for axis in figure.axes[:-1]) == 100
+
+
 def test_a_long_name_stands_above() -> None:
     q = coordinate("angle_of_the_first_link")
     statement = declare(kinetic=q.dot**2 / 2, name="s")

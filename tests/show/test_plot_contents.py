@@ -206,6 +206,22 @@ def test_an_invariant_that_is_zero_is_said_to_be() -> None:
     assert "drift of angular momentum z, which is 0 at every output" in [a.get_title("left") for a in figure.axes]
 
 
+def test_an_invariant_that_is_round_off_is_seen_beside_its_terms() -> None:
+    y = lg.coordinate("y")
+    charge = lg.System(
+        lagrangian=(x.dot**2 + y.dot**2) / 2 + 1.5 * (x * y.dot - y * x.dot) + 0.7 * x,
+        coordinates=[x, y],
+        initial={x: 0.3, y.dot: 0.5},
+        name="drifting charge",
+    )
+    figure = charge.run(6.0).plot("invariants")
+    drifts = [np.abs(np.asarray(line.get_ydata())).max() for axis in figure.axes for line in axis.lines]
+    assert len(drifts) == 3 and max(drifts) < 1e-9
+    assert all("relative to the size of its terms" in axis.get_title("left") for axis in figure.axes)
+    (energy,) = charge.run(1.0).plot("energies").axes
+    assert len(energy.lines) == 1, "a Lagrangian alone has no kinetic and no potential energy"
+
+
 def test_runs_with_several_points_are_told_apart_by_the_kind_of_their_lines() -> None:
     runs = [double_pendulum(), double_pendulum()]
     (axis,) = lg.plot(runs, "path", labels=["one", "two"]).axes
