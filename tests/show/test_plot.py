@@ -16,7 +16,7 @@ from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 from tests.show.animations import double_pendulum
-from tests.show.examples import m, moving, oscillator, solved, x
+from tests.show.examples import free, m, moving, oscillator, solved, x
 
 LINKED = [("origin", "p")]
 
