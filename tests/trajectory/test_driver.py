@@ -20,7 +20,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, k, m, model, shared_scene, x, y
-from tests.trajectory.runs import FIXED, NAMES, planned, run
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, planned, run
 
 
 def settings(name: str) -> dict[str, Any]:
