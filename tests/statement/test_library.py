@@ -141,12 +141,3 @@ def test_the_positions_have_the_kinetic_energy(name: str, masses: dict[str, str]
     numbers |= dict.fromkeys(plain[0].free_symbols - set(numbers), 0.9)
     first, second = (float(x.subs(numbers)) for x in plain)
     assert first == pytest.approx(second, rel=1e-12)
-
-
-def test_the_pleiades_start_as_published() -> None:
-    statement = loaded("pleiades")
-    x, y = [3, 3, -1, -3, 2, -2, 2], [3, -3, 2, 0, 0, -4, 4]
-    x_dot, y_dot = [0, 0, 0, 0, 0, 1.75, -1.5], [0, 0, 0, -1.25, 1, 0, 0]
-    assert list(statement.initial) == [*x, *y, *x_dot, *y_dot]
-    assert [value(statement, f"m{i}") for i in range(1, 8)] == [1, 2, 3, 4, 5, 6, 7]
-    assert (statement.run.t_end, statement.run.rtol, statement.run.atol) == (3.0, 1e-12, 1e-14)

@@ -15,8 +15,9 @@ from sympy import diag
 
 import lagrange as lg
 from lagrange.dynamics.runs import starts_of
+from lagrange.members.table import member_table
 from lagrange.statement.rotation import in_coordinates
-from lagrange.statement.space import body_rates, matrix_of
+from lagrange.statement.space import body_rates, matrix_of, space_rates
 from tests.models import m, x
 
 R = lg.rotation("R")
@@ -114,6 +115,16 @@ def test_single_rates_are_keys_of_starts_forces_runs_and_pictures() -> None:
     (axis,) = run.plot("R_body_z").axes
     assert axis.get_title(loc="left") == r"$R_{\mathrm{body}, z}$"
     assert np.allclose(np.asarray(axis.lines[0].get_ydata())[[0, -1]], run["R_body_z"][[0, -1]], rtol=1e-6)
+
+
+def test_rates_vary_between_the_members_of_an_ensemble() -> None:
+    model = top(initial={R: lg.turn((1, 1, 1), 0.7), R.space: (1, 2, 3)}).compile("numpy", check=False)
+    for known, rates in ((body_rates, R.body), (space_rates, R.space)):
+        table = member_table(model, {rates[2]: [4.0, 5.0], rates[0].func.__name__: [0.1, 0.2]}, None)
+        states = table.starts(np.arange(2)).states
+        result = np.array(known([*states[:, :4].T], [*states[:, 4:].T]))
+        assert np.allclose(result[[0, 2]], [[0.1, 0.2], [4.0, 5.0]], rtol=0, atol=1e-14)
+        assert np.allclose(np.linalg.norm(states[:, :4], axis=1), 1, rtol=0, atol=1e-15)
 
 
 EULER = J1 * R.body[0].diff(lg.t) - (J1 - J3) * R.body[1] * R.body[2] - m * R[2, 1]

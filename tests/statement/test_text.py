@@ -31,8 +31,6 @@ half = sympy.Rational(1, 2)
 
 MEANINGS = {
     "x": x,
-    "t": t,
-    "pi": sympy.pi,
     "m*x_dot**2/2 - m*g*x": m * v**2 / 2 - m * g * x,
     "-x**2": -(x**2),
     "2**3**2": sympy.Integer(512),

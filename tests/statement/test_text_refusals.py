@@ -64,6 +64,8 @@ REFUSALS = {
     "x" + " if x < 1 else y" * 33: (1, "a condition has at most 32 branches."),
     "x if 0<x<1 else " * 5 + "y": (1, "more than 4 chained comparisons in a row have the same value."),
     # what has no value
+    "exp(-1000)": (1, "exp(-1000) is too small for a floating-point number."),
+    "1e-9**99": (1, "1e-09**99 is too small for a floating-point number."),
     "sqrt(-1)": (1, "sqrt(-1) has no finite real value."),
     "sqrt(2)*x/x": (1, "the names cancel and leave a constant: write the constant."),
     "max(sqrt(-x**2 - 1), 0)": (1, "this part has no finite real value."),
