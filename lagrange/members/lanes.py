@@ -27,7 +27,8 @@ from lagrange.algorithm.members.reductions import MemberDenseOutput, Sampled, lo
 from lagrange.algorithm.members.steps import StepEvents, StepMembers
 from lagrange.algorithm.members.taylor import TaylorEvents, TaylorMembers
 from lagrange.algorithm.series.integrator import TaylorProcedures
-from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
+from lagrange.algorithm.series.jets import WrittenJet
+from lagrange.algorithm.series.member_jet import MemberJet
 from lagrange.algorithm.series.packing import pack, single_operations
 from lagrange.algorithm.taylor.memory import SIZES
 from lagrange.equations.euler_lagrange import node_of
@@ -189,9 +190,9 @@ def _taylor_members(
     plan: TaylorPlan, series: TaylorProcedures, tasks: MemberTasks, parts: _Parts, dimension: int
 ) -> tuple[TaylorMembers, dict[str, Any]]:
     """Return the generator of code that runs members by Taylor series, and the arrays that the code reads, by name."""
-    jet: WrittenJet | ByOrderJet
+    jet: WrittenJet | MemberJet
     if single_operations(series.packing, plan.order) > MOST_WRITTEN_OUT:
-        jet = ByOrderJet(series.single, series.numbers)
+        jet = MemberJet(series.single, series.numbers, plan.order)
     else:
         jet = WrittenJet(series.single, series.numbers, plan.order)
     events, arrays = None, dict[str, Any]()

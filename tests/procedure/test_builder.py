@@ -17,6 +17,7 @@ import lagrange.procedure
 from lagrange.algorithm.constants import Outcome
 from lagrange.algorithm.series.integrator import LOOP_LANES, LOOP_TILE, TaylorProcedures
 from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
+from lagrange.algorithm.series.member_jet import MemberJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.taylor.memory import SMALLEST_RTOL
@@ -263,7 +264,7 @@ def test_a_fused_product_is_rounded_once(a: float, b: float, c: float, expected:
 # --- series ---------------------------------------------------------------------------------------------------
 # Series and whole Taylor integrators as procedures, against those of the machines: coefficients, steps, end states.
 
-FORMS = ("written out", "by order", "in loops")
+FORMS = ("written out", "by order", "for members", "in loops")
 HIGHEST = 9
 
 FITTED = 3
@@ -286,6 +287,8 @@ def jet(program: SeriesProgram, form: str) -> tuple[Any, SeriesNumbers, Any]:
     made: ByOrderJet | WrittenJet
     if form == "by order":
         made = ByOrderJet(pack(program, 1), numbers)
+    elif form == "for members":
+        made = MemberJet(pack(program, 1), numbers, HIGHEST)
     elif form == "in loops":
         made = ByOrderJet(pack(program, LOOP_LANES), numbers, tile=LOOP_TILE, paired=False)
     else:

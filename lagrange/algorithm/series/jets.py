@@ -15,7 +15,7 @@ order from the sums over lower orders.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from functools import reduce
@@ -371,6 +371,20 @@ LARGEST_INVERSE = 12
 """Largest inverse of a mass matrix that is written out. Lanes already hold members, so inner loops do not vectorize."""
 
 
+def read_later(packing: Packing) -> tuple[Operand, ...]:
+    """Return the operands that are stored at each order, because later orders read them.
+
+    They are the factors of sums, the operands of the next order (integrands and forces) and dq/dt. With several lanes
+    operands that rules of higher orders read at order 0 are stored, too.
+    """
+    computed = packing.computed
+    summed = [operand for chunk in computed for pair in chunk.sums for operand in pair]
+    integrands = [chunk.args[0] for chunk in computed if chunk.op == "integral"]
+    forces = [force for stage in packing.stages for force in stage.right if force is not None]
+    initial = [operand for chunk in computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
+    return (*summed, *integrands, *forces, *packing.rates, *(initial if packing.lanes > 1 else ()))
+
+
 class Row:
     """Layout of the memory row of one order: indices of the state, the watched functions and stored operands.
 
@@ -385,14 +399,7 @@ class Row:
                 self.places[chunk.whole] = begin
             begin += chunk.count
         self.size = watched_at + len(packing.program.watched)
-        # Later orders read the factors of sums, the operands of the next order (integrands and forces) and dq/dt. With
-        # several lanes operands that rules of higher orders read at order 0 are stored, too.
-        computed = packing.computed
-        summed = [operand for chunk in computed for pair in chunk.sums for operand in pair]
-        integrands = [chunk.args[0] for chunk in computed if chunk.op == "integral"]
-        forces = [force for stage in packing.stages for force in stage.right if force is not None]
-        initial = [operand for chunk in computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
-        for operand in (*summed, *integrands, *forces, *packing.rates, *(initial if packing.lanes > 1 else ())):
+        for operand in read_later(packing):
             if operand not in self.places:
                 lanes = len(operand.values)
                 self.places[operand] = whole_blocks(self.size, lanes)
@@ -432,9 +439,11 @@ class ByOrderJet(JetBuilder):
         self.places = Row(packing, self.layout.watched_at).places
         self.operands: dict[Operand, Term] = {}
         """Operands that are gathered to vectors at the present order."""
-        self.sums: dict[Pair, Term] = {}
+        self.sums: Mapping[Pair, Term] = {}
         """Sums over lower orders at the present order."""
-        self.row = self.previous = self.rows
+        self.stored, self.stored_width = self.rows, self.layout.width
+        """Memory of the operands that later orders read, and the length of its rows."""
+        self.row = self.stored_row = self.previous = self.rows
 
     def build(self) -> Procedure:
         """Return the procedure that computes the series for all lanes."""
@@ -447,13 +456,12 @@ class ByOrderJet(JetBuilder):
             if isinstance(system, (Diagonal, Inverse)):
                 # The entries are gathered to vectors before the loop over orders.
                 system.read(stage.rows)
-        pairs = (pair for chunk in packing.computed for pair in chunk.sums)
-        sums = OrderSums(p, pairs, self.places, self.rows, self.layout.width, self.tile, paired=self.paired)
+        sums = self.order_sums()
         self.write_state(self.at_zero)
         for operand, index in self.places.items():
             # The row of order 0 has zeros for operands that are multiplied by their order.
             lanes = len(operand.values)
-            put(p, self.rows, index, None if operand.ranked else self.at_zero(operand), lanes, lanes)
+            put(p, self.stored, index, None if operand.ranked else self.at_zero(operand), lanes, lanes)
         guesses = [
             [p.variable(wide(p, None, len(chunk.values))) for chunk in stage.unknowns] if stage.plan.moving else None
             for stage in packing.stages
@@ -468,6 +476,11 @@ class ByOrderJet(JetBuilder):
             self.write()
         p.leave(self.singular)
         return p.finish(FLAG)
+
+    def order_sums(self) -> OrderSums:
+        """Return the builder of the code for the sums over lower orders."""
+        pairs = (pair for chunk in self.packing.computed for pair in chunk.sums)
+        return OrderSums(self.p, pairs, self.places, self.stored, self.stored_width, self.tile, paired=self.paired)
 
     @contextmanager
     def each_order(self) -> Iterator[Whole]:
@@ -487,8 +500,9 @@ class ByOrderJet(JetBuilder):
 
         Both quotients are sums of two doubles.
         """
-        p, width = self.p, self.layout.width
-        self.row, self.previous = self.rows.at(k * width), self.rows.at((k - 1) * width)
+        p, width = self.p, self.stored_width
+        self.stored_row, self.previous = self.stored.at(k * width), self.stored.at((k - 1) * width)
+        self.row = self.stored_row if self.stored is self.rows else self.rows.at(k * self.layout.width)
         self.k, self.rank = k, p.real(k)
         self.high = 1.0 / self.rank
         p.note("What 1 - k high leaves over is exact, and its share is the part of 1 / k that rounding lost.")
@@ -541,7 +555,7 @@ class ByOrderJet(JetBuilder):
         self.write_state(self.now)
         for operand, index in self.places.items():
             lanes = len(operand.values)
-            put(self.p, self.row, index, self.now(operand), lanes, lanes)
+            put(self.p, self.stored_row, index, self.now(operand), lanes, lanes)
 
     def write_state(self, x: Any) -> None:
         """Write coefficients of the state and of the event functions to a row of memory.
@@ -551,7 +565,7 @@ class ByOrderJet(JetBuilder):
         """
         begin, row = 0, self.rows if x == self.at_zero else self.row
         for chunk in self.packing.state:
-            if self.places.get(chunk.whole) != begin:
+            if self.stored is not self.rows or self.places.get(chunk.whole) != begin:
                 put(self.p, row, begin, x(chunk.whole), len(chunk.values), chunk.count)
             begin += chunk.count
         for index, number in enumerate(self.program.watched, self.layout.watched_at):
@@ -571,7 +585,7 @@ class ByOrderJet(JetBuilder):
     def first(self, operand: Operand) -> Term:
         """Return an operand, a vector of series values, at order 0."""
         if self.packing.lanes > 1 and operand in self.places:
-            return entries(self.rows, self.places[operand], len(operand.values))
+            return entries(self.stored, self.places[operand], len(operand.values))
         return self.at_zero(operand)
 
     def over(self, operand: Operand) -> Term:

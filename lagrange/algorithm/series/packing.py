@@ -21,7 +21,7 @@ from lagrange.algorithm.constants import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.taylor.memory import LOWEST_ORDER
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.program.elimination import block_eliminations, is_factored
-from lagrange.program.series import SUMS, SeriesProgram, SeriesRule, Stage
+from lagrange.program.series import LAGGED, SUMS, SeriesProgram, SeriesRule, Stage
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,11 @@ class Chunk:
         operands = (*self.args, self.whole)
         pairs = [[Operand(operands[f.argument].values, f.ranked) for f in pair] for pair in SUMS.get(self.op, ())]
         return tuple((x, y) for x, y in pairs)
+
+    @property
+    def direct(self) -> tuple[Operand, ...]:
+        """The arguments that the rule reads at the order that it computes."""
+        return tuple(arg for position, arg in enumerate(self.args) if LAGGED.get(self.op) != position)
 
     @property
     def divisor(self) -> Operand | None:
@@ -169,6 +174,35 @@ def pack(program: SeriesProgram, lanes: int) -> Packing:
     )
     rates = tuple(Operand(tuple(program.rates[value] for value in chunk.values)) for chunk in coordinates)
     return Packing(program, lanes, coordinates, rates, part(0), stages)
+
+
+def depth_first(packing: Packing, chunks: Sequence[Chunk]) -> tuple[Chunk, ...]:
+    """Return chunks in an order of evaluation in which values are read soon after they are computed.
+
+    Chunks whose sums share factors, directly or through other sums, are adjacent. Each chunk comes after those
+    that its rule reads.
+    """
+    families = _families(packing)
+    unvisited = sorted(chunks, key=lambda chunk: families.get(chunk.sums[0][0], 0) if chunk.sums else len(families))
+    ordered, inside, unvisited = dict[Chunk, None](), set(chunks), unvisited[::-1]
+    while unvisited:
+        chunk = unvisited[-1]
+        read = (packing.place[value][0] for arg in chunk.direct for value in arg.values if value != ZERO_LANE)
+        missing = [each for each in read if each in inside and each not in ordered]
+        if missing and chunk not in ordered:
+            unvisited += missing[::-1]
+        else:
+            ordered[unvisited.pop()] = None
+    return tuple(ordered)
+
+
+def _families(packing: Packing) -> dict[Operand, int]:
+    """Return the number of the family of each factor: factors of one sum, or of sums that share factors."""
+    families: list[set[Operand]] = []
+    for pair in (pair for chunk in packing.computed for pair in chunk.sums):
+        joined = set(pair).union(*(family for family in families if not family.isdisjoint(pair)))
+        families = [*(family for family in families if family.isdisjoint(pair)), joined]
+    return {factor: number for number, family in enumerate(families) for factor in family}
 
 
 def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:

@@ -352,7 +352,7 @@ class OrderSums:
         with p.each(2 * self.size, width=1) as i:
             self.totals[i] = 0.0
 
-    def at(self, k: Whole) -> dict[Pair, Term]:
+    def at(self, k: Whole) -> Mapping[Pair, Term]:
         """Add the code for all sums at an order k, and return them by pair of factors (x, y).
 
         A sum is that of x[j] y[k-j] over 0 < j < k. The sums at order k - 1 must have been computed before.
@@ -442,3 +442,43 @@ class OrderSums:
     def row(self, order: Whole | int) -> Memory:
         """Return the row of memory that has the coefficients of an order."""
         return self.rows.at(order * self.width)
+
+
+class SumsAtUse(OrderSums):
+    """Builds the code for sums where a rule first reads them, a tile at a time.
+
+    `pairs` are in the order of use. A tile has the sums that are used next, so that totals stay in registers. Single
+    orders are summed.
+    """
+
+    def __init__(
+        self, p: Builder, pairs: Iterable[Pair], places: Mapping[Operand, int], rows: Memory, width: int, tile: int
+    ) -> None:
+        self.used = {pair: index for index, pair in enumerate(dict.fromkeys(pairs))}
+        super().__init__(p, self.used, places, rows, width, tile, paired=False)
+        self.sums.sort(key=lambda order_sum: self.used[order_sum.pair])
+
+    def at(self, k: Whole) -> Mapping[Pair, Term]:
+        """Return the sums at an order k by pair of factors (x, y). The code of a sum is added when it is looked up."""
+        return _Tiles(self, k)
+
+    def tile_of(self, pair: Pair, k: Whole) -> dict[Pair, Term]:
+        """Add the code for the tile with the sum of a pair at an order k, and return its sums by pair."""
+        first = self.used[pair] // self.tile * self.tile
+        sums = self.sums[first : first + self.tile]
+        totals = [self.p.variable(wide(self.p, None, order_sum.lanes)) for order_sum in sums]
+        with self.p.loop(1, k) as j:
+            self.add(sums, totals, self.row(j), self.factors(sums, self.row(k - j)))
+        return {order_sum.pair: total.value for order_sum, total in zip(sums, totals, strict=True)}
+
+
+class _Tiles(dict[Pair, Term]):
+    """The sums at one order by pair of factors. A missing sum is added with its tile."""
+
+    def __init__(self, sums: SumsAtUse, k: Whole) -> None:
+        super().__init__()
+        self.sums, self.k = sums, k
+
+    def __missing__(self, pair: Pair) -> Term:
+        self.update(self.sums.tile_of(pair, self.k))
+        return self[pair]
