@@ -66,12 +66,6 @@ def test_constraints_that_are_dependent_where_they_hold() -> None:
     assert text.startswith("the constraints 'line' and 'square' are dependent here: where 'line' holds, 'square'")
 
 
-def test_a_square_restricts_nothing_where_it_holds() -> None:
-    text = refusal(system({"twice": (x - y) ** 2}).run, 1.0, check=False)
-    assert "the constraint 'twice' restricts no velocity, as all its velocity derivatives vanish, wherever it" in text
-    assert "state it without the square" in text
-
-
 def test_a_motion_without_inertia_that_the_constraints_allow() -> None:
     text = refusal(system, {"a": x}, m * (x.dot**2 + (y.dot + z.dot) ** 2) / 2, coordinates=[x, y, z])
     assert text.startswith("a motion with y.dot = 1, z.dot = -1 satisfies the constraints and has no inertia at every")

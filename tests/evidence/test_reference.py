@@ -142,10 +142,6 @@ def test_sizes_without_a_factorization_fall_back_on_the_rows() -> None:
     assert laws.factorization_sizes([sparse((0, 4)), sparse((4, 0))]) == [{0: 4, 1: 4}, {0: 4, 1: 4}]
 
 
-def steps(make: Callable[[], Statement], point: SamplePoint) -> Any:
-    return Reference(make())._steps(point)
-
-
 def test_velocities_that_are_rounding_leave_the_inertia_its_digits() -> None:
     """Projection leaves a velocity of 1e-37 beside 8. A difference step of 1e-55 would change none of 90 digits."""
     statement = declare(kinetic=x.dot**2 / 2 + y.dot**2 / 2, potential=x**2 / 2, initial={x.dot: 8.0, y.dot: 6e-37})

@@ -214,11 +214,6 @@ def test_a_stiff_run_that_gives_up_names_the_cause_and_an_implicit_method(method
     )
 
 
-def test_the_method_that_is_named_gets_through() -> None:
-    """The method named in the message completes the run, in which phi has no inertia at the lowest point."""
-    assert DAMPED.run(5.0, method="radau5", rtol=1e-8).status is lg.Status.SUCCESS
-
-
 @pytest.mark.parametrize("status", LIMITS)
 def test_each_limit_is_said(status: lg.Status) -> None:
     result = DAMPED.run(5.0, method="dop853", max_steps=8000)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import exp, sign
+from sympy import sign
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
@@ -73,13 +73,6 @@ def test_the_reference_says_how_well_it_is_known() -> None:
     assert 0 < result.uncertainty < 1e-15
     assert race(digits=30).uncertainty < 1e-22
     assert "30 digits" in race(digits=30).result.reference.about
-
-
-def test_times_are_the_least_of_so_many_warm_runs() -> None:
-    result = race(methods=["dop853", "scipy-rk23"], tolerances=[1e-3], repeats=3)
-    ours, theirs = result
-    assert ours.timed == theirs.timed == 3
-    assert 0 < ours.time < theirs.time < 1
 
 
 @dataclass(frozen=True)
@@ -160,13 +153,6 @@ def test_a_run_out_of_time_is_kept_and_finer_ones_are_skipped() -> None:
     assert [entry.setting for entry in result] == [1e-2, 1e-11, 1e-12]
     assert [entry.complete for entry in result] == [True, False, False]
     assert "1e-11" in result[2].message and "0.5 s" in result[2].message
-
-
-def test_a_run_that_blows_up_is_kept() -> None:
-    stiff = lg.System(kinetic=m * x.dot**2 / 2, potential=exp(x), parameters={m: 1}, initial={x: 3.0})
-    coarse, fine = race(stiff, 10.0, methods=["euler"], steps=[2.0, 1e-4])
-    assert coarse.status == "success" or math.isnan(coarse.error)
-    assert fine.complete and math.isfinite(fine.error)
 
 
 @pytest.mark.few

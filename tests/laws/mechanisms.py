@@ -1,8 +1,8 @@
-"""Random mechanisms: three coordinates, random energies, one or two constraints, and a state that satisfies them."""
+"""Random mechanisms: three coordinates, random energies, up to two constraints, and a state that satisfies them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
@@ -44,10 +44,10 @@ def functions_of(*leaves: Any) -> st.SearchStrategy[Any]:
     return st.lists(term, min_size=1, max_size=3).map(lambda terms: sp.Add(*terms))
 
 
-def kinetic_energies(*leaves: Any) -> st.SearchStrategy[Any]:
-    """Return quadratic forms in the velocities, positive everywhere."""
-    many = st.tuples(*(functions_of(*leaves) for _ in PLACES))
-    return many.map(lambda g: sum(v**2 for v in RATES) / 2 + sum(f * v for f, v in zip(g, RATES, strict=True)) ** 2 / 8)
+def kinetic_energies(*leaves: Any, rates: Sequence[Any] = RATES) -> st.SearchStrategy[Any]:
+    """Return quadratic forms in some velocities, positive everywhere."""
+    many = st.tuples(*(functions_of(*leaves) for _ in rates))
+    return many.map(lambda g: sum(v**2 for v in rates) / 2 + sum(f * v for f, v in zip(g, rates, strict=True)) ** 2 / 8)
 
 
 def potentials(*leaves: Any) -> st.SearchStrategy[Any]:
@@ -98,7 +98,8 @@ class Mechanism:
     @cached_property
     def gradient(self) -> Vector:
         """The rows of G, by SymPy."""
-        return np.array([[self.at(item) for item in row] for row in map(gradient_of, self.constraints.values())])
+        rows = [[self.at(item) for item in row] for row in map(gradient_of, self.constraints.values())]
+        return np.array(rows).reshape(-1, len(PLACES))
 
     def accelerations(self, model: Model | None = None) -> Vector:
         """Return the accelerations of this or another model at the state."""
@@ -106,13 +107,13 @@ class Mechanism:
         return result
 
     def multipliers(self, model: Model | None = None) -> Vector:
-        """Return the multipliers of this or another model at the state."""
-        return (model or self.model).multipliers(self.q, self.v, self.time)
+        """Return the multipliers of this or another model at the state, none without constraints."""
+        return multipliers(model or self.model, self.q, self.v, self.time)
 
-    def reaction(self, model: Model | None = None) -> Vector:
-        """Return the generalized forces of all constraints together."""
-        result: Vector = self.gradient.T @ self.multipliers(model)
-        return result
+
+def multipliers(model: Model, q: Vector, v: Vector, time: float) -> Vector:
+    """Return the multipliers of a model, an empty array without constraints."""
+    return model.multipliers(q, v, time) if model.statement.constraints else np.zeros(0)
 
 
 def has_velocities(constraint: Any) -> bool:
@@ -146,9 +147,9 @@ def rolling(*leaves: Any) -> st.SearchStrategy[Any]:
     return many.map(lambda rows: sum((c + f / 4) * v for (c, f), v in zip(rows, RATES, strict=True)))
 
 
-def kinds(leaves: tuple[Any, ...]) -> st.SearchStrategy[list[Any]]:
-    """Return one or two constraints, each on coordinates or on velocities."""
-    return st.lists(st.one_of(holonomic(*leaves), rolling(*leaves)), min_size=1, max_size=2)
+def kinds(leaves: tuple[Any, ...], least: int = 0) -> st.SearchStrategy[list[Any]]:
+    """Return `least` to two constraints, each on coordinates or on velocities."""
+    return st.lists(st.one_of(holonomic(*leaves), rolling(*leaves)), min_size=least, max_size=2)
 
 
 def put(energies: Mapping[str, Any], constraints: list[Any], seed: int, time: float = 0.3) -> Mechanism:
@@ -163,7 +164,7 @@ def put(energies: Mapping[str, Any], constraints: list[Any], seed: int, time: fl
     shifted = [item if has_velocities(item) else item - there.at(item) for item in constraints]
     held = Mechanism(energies, dict(zip(names, shifted, strict=True)), q, v, time)
     G = held.gradient
-    assume(np.linalg.svd(G, compute_uv=False).min() > 0.3)
+    assume(np.linalg.svd(G, compute_uv=False).min(initial=1.0) > 0.3)
     off = np.array([held.at(rate_of(item)) for item in shifted])
     return Mechanism(energies, held.constraints, q, v - np.linalg.pinv(G) @ off, time)
 

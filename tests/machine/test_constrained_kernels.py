@@ -248,15 +248,3 @@ def test_an_order_of_groups_is_an_order_of_the_program(share: Share) -> None:
             else:
                 assert done.issuperset(code[step].args)
                 (ready if step in grouped else done).add(step)
-
-
-@pytest.mark.parametrize("target", ["llvm", "numpy"])
-@pytest.mark.parametrize(("mass", "length"), [(3e8, 3e-9), (3e-12, 3e9), (1e11, 6e-8)])
-def test_units_decide_no_pivot(mass: float, length: float, target: str) -> None:
-    """A pendulum swings through its lowest point. Pivots must not compare its inertia with its constraint."""
-    (a, b), ell = lg.coordinates("a b"), lg.parameters("ell")
-    kinetic, rod = m * (a.dot**2 + b.dot**2) / 2, {"rod": a**2 + b**2 - ell**2}
-    pendulum = stated(kinetic=kinetic, potential=m * b, constraints=rod, parameters={m: mass, ell: length})
-    result = model_of(pendulum, machine(target)).accelerations([0.0, -length], [0.5 * length, 0.0])
-    # The centripetal acceleration, the speed squared over the length.
-    assert result / length == pytest.approx([0.0, 0.25], rel=1e-13)

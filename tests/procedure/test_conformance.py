@@ -5,33 +5,23 @@ from __future__ import annotations
 import ctypes
 import math
 import random
-from array import array
-from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
 
-import lagrange as lg
 from lagrange.algorithm.constants import Outcome
-from lagrange.algorithm.kernel.body import LARGEST_IN_SOURCE, PreparedLayout
-from lagrange.algorithm.kernel.kernels import kernel, prepare
 from lagrange.algorithm.projection import KEPT_VIOLATION, PROJECTION_CORRECTIONS, RESOLVED, project
-from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module
-from lagrange.machine.model import Model
 from lagrange.machine.python_source import loaded
 from lagrange.procedure import form
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind, Procedure, Vector
 from lagrange.procedure.interpreter import run
 from lagrange.procedure.values import Entries
-from lagrange.program.program import Instruction, Program, ProgramBlock
 from lagrange.statement.vocabulary.functions import ELEMENTARY
-from tests.models import SCENE_NAMES
 from tests.procedure.random_functions import bits
 
 
@@ -56,90 +46,6 @@ def test_products_that_are_added_up_are_rounded_once(count: int | None) -> None:
 
 # --- kernels --------------------------------------------------------------------------------------------------
 # Programs as procedures give what the interpreter gives, at singular matrices and with pivoting too.
-
-NAMES = ("rhs", "jacobian", "energy", "mass_matrix", "momenta")
-
-
-def evaluated(programs: list[Program], t: float, y: np.ndarray, parameters: np.ndarray) -> list[np.ndarray | None]:
-    """Return the results of programs by their procedures, None for a singular matrix."""
-    prepared = PreparedLayout.of(programs)
-    p = memoryview(array("d", [0.0] * max(prepared.size, 1)))
-    assert not loaded(prepare(prepared, "Prepare."))(parameters.data, p)
-    result: list[np.ndarray | None] = []
-    for program in programs:
-        out = np.zeros(len(program.outputs))
-        singular = loaded(kernel(program, prepared, program.name, "Evaluate."))(t, y.data, p, out.data)
-        result.append(None if singular else out)
-    return result
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("scene", SCENE_NAMES)
-def test_every_scene(scene: str) -> None:
-    system = lg.scene(scene)
-    model: Model = system.compile("numpy")
-    programs = [model.law(name).program for name in NAMES]
-    y, values = np.array(system.statement.initial) + 0.1, model.parameter_array()
-    for program, ours in zip(programs, evaluated(programs, 0.3, y, values), strict=True):
-        expected = InterpretedKernel(program)(0.3, y, values).ravel()
-        # Both do the same operations but for the order of sums in a solve.
-        assert ours == pytest.approx(expected, rel=1e-12, abs=1e-13 * np.abs(expected).max(initial=1e-300))
-
-
-def solving(order: int, *, hoisted: bool) -> Program:
-    """Return a program that solves a system whose matrix is its input or its parameters."""
-    size = order * (order + 1) // 2
-    kind = "parameter" if hoisted else "state"
-    code = [Instruction(kind, place=i) for i in range(size)]
-    code.append(Instruction("factor", tuple(range(size)), order=order))
-    right = [Instruction("state", place=i if hoisted else size + i) for i in range(order)]
-    at = len(code)
-    code += right
-    code.append(Instruction("solve", (at - 1, *range(at, at + order)), order=order))
-    code += [Instruction("component", (at + order,), place=i) for i in range(order)]
-    outputs = tuple(range(at + order + 1, at + 2 * order + 1))
-    inputs = (ProgramBlock("q", order if hoisted else size + order),)
-    hoisting = at if hoisted else 0
-    return Program(
-        "solving", inputs, size if hoisted else 0, tuple(code), hoisting, outputs, (ProgramBlock("x", order),), (order,)
-    )
-
-
-MATRICES: dict[str, Callable[[int], Any]] = {
-    "definite": lambda n: np.eye(n) * 3 + 0.5,
-    "indefinite": lambda n: np.flipud(np.eye(n)) + 0.25 * np.eye(n),
-    "singular": lambda n: np.ones((n, n)),
-}
-
-
-@pytest.mark.parametrize("order", [2, 9, LARGEST_IN_SOURCE + 2])
-@pytest.mark.parametrize("kind", MATRICES)
-@pytest.mark.parametrize("hoisted", [False, True])
-def test_systems_are_solved_with_pivoting_where_it_is_needed(order: int, kind: str, hoisted: bool) -> None:
-    matrix, x = MATRICES[kind](order), np.arange(1.0, order + 1)
-    lower = np.array([matrix[i, j] for i in range(order) for j in range(i + 1)])
-    right = matrix @ x
-    program = solving(order, hoisted=hoisted)
-    y = right if hoisted else np.concatenate([lower, right])
-    given = lower if hoisted else np.zeros(0)
-    if kind == "singular":
-        if hoisted and order > LARGEST_IN_SOURCE:  # a factorization in memory is singular when it is prepared
-            with pytest.raises(AssertionError):
-                evaluated([program], 0.0, y, given)
-        else:
-            assert evaluated([program], 0.0, y, given) == [None]
-        with pytest.raises(SingularMassMatrix):
-            InterpretedKernel(program)(0.0, y, given)
-    else:
-        (result,) = evaluated([program], 0.0, y, given)
-        assert result == pytest.approx(x, rel=1e-12)
-
-
-def test_what_depends_on_parameters_alone_is_prepared_once_for_all_programs() -> None:
-    model = lg.scene("double-pendulum").compile("numpy")
-    rhs, again = model.law("rhs").program, model.law("accelerations").program
-    assert PreparedLayout.of([rhs, again]).size == PreparedLayout.of([rhs]).size
-
 
 # --- projection -----------------------------------------------------------------------------------------------
 # The loop of the projection: when a state moves, how far, and the outcome if it cannot be projected.

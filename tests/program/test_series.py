@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache, partial
+from functools import partial
 from itertools import permutations
 from typing import Any
 
@@ -20,13 +20,12 @@ from lagrange.graph.node import Binding, Graph
 from lagrange.machine.numpy_machine import COEFFICIENT, NumpySeries
 from lagrange.program.catalogue import program_of
 from lagrange.program.recurrence import FUNCTION_RULES, RecurrenceBuilder
-from lagrange.program.series import RULES, SeriesProgram, convolutions
+from lagrange.program.series import RULES, convolutions
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
-from lagrange.statement.vocabulary.functions import FUNCTIONS
-from tests.models import SYSTEMS, chain, k, laws, m, stated, statement_of, x, y, z
-from tests.series import CONTEXT, NUMBER, all_forms, coefficients, jet, numbers, right_orders, series, sides, values
+from tests.models import chain, k, m, stated, x, y, z
+from tests.series import NUMBER, all_forms, coefficients, jet, numbers, right_orders, series, sides, values
 from tests.series_systems import bent, growing, kapitza, relative, relativistic, rotating, started, textbook
 
 ORDER = 12
@@ -216,49 +215,3 @@ def test_one_force_on_several_coordinates_whose_momenta_add_up(sign: int, order:
 
 # --- series order ---------------------------------------------------------------------------------------------
 # The order of a step, without round-off: the error of one step of order p goes like h^(p+1).
-
-NONLINEAR = (
-    "pendulum",
-    "Henon-Heiles",
-    "Kepler orbit",
-    "double pendulum",
-    "elastic pendulum",
-    "cart and pole",
-    "blocks",
-)
-HIGH = 40
-"""An order at which a step of 1/4096 is right to more than 120 digits: the error of order 24 there is about 1e-80."""
-
-
-@cache
-def program(name: str) -> tuple[SeriesProgram, Statement]:
-    return series_program(laws(name))[0], statement_of(name)
-
-
-def start(name: str) -> list[Any]:
-    """Return a state with velocities, since from rest every second coefficient is zero."""
-    statement = SYSTEMS[name]()
-    n = len(statement.coordinates)
-    return [NUMBER(x) for x in statement.initial[:n]] + [NUMBER(0.25) + NUMBER(i) / 8 for i in range(n)]
-
-
-def summed(rows: Any, h: Any, order: int) -> Any:
-    return sum(rows[j] * h**j for j in range(order + 1))
-
-
-def step(name: str, time: Any, y: Any, h: Any) -> Any:
-    return summed(coefficients(*program(name), HIGH, time, list(y)), h, HIGH)
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("name", NONLINEAR)
-def test_the_error_of_a_step_is_of_the_claimed_order(name: str) -> None:
-    """A step differs from two half steps by c[p+1] h^(p+1) (1 + O(h)), where O(h) is about 0.01."""
-    time, y = NUMBER(0.25), start(name)
-    rows = coefficients(*program(name), HIGH, time, y)
-    errors: dict[Any, list[Any]] = {}
-    for h in (NUMBER(1) / 4096, NUMBER(1) / 8192):
-        truth = step(name, time + h / 2, step(name, time, y, h / 2), h / 2)
-        errors[h] = [max(abs(summed(rows, h, p) - truth)) for p in range(4, 25)]
-    for p, far, near in zip(range(4, 25), *errors.values(), strict=True):
-        assert float(CONTEXT.log(far / near, 2)) == pytest.approx(p + 1, abs=0.05), p
