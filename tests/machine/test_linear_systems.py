@@ -25,7 +25,7 @@ from tests.models import TARGETS
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 30)
 FEW = (2, 3, 6, 7, 12)
-WIDTHS = (1, 2, 7, 8, 9, 64)
+WIDTHS = (1, 2, 7, 8, 9, 11, 64)
 
 
 @cache
@@ -95,18 +95,8 @@ def test_columns_of_mixed_kinds(target: str, where: str) -> None:
                 x = solve(target, np.array(matrices).transpose(1, 2, 0), b)
                 errors = [backward_error(a, x[:, k], b[:, k]) for k, a in enumerate(matrices)]
                 assert max(errors) < 1e-11 * n, (n, width)
-
-
-def test_a_column_has_the_bits_of_its_state_alone() -> None:
-    """A column whose pivots are not trusted does not affect the others."""
-    rng = np.random.default_rng(11)
-    for n in (*FEW, 30):
-        width = 11
-        b = rng.normal(size=(n, width))
-        matrices = [REGULAR[k % len(REGULAR)](rng, n) for k in range(width)]
-        many = solve("llvm", np.array(matrices).transpose(1, 2, 0), b)
-        for k, a in enumerate(matrices):
-            assert (many[:, k] == solve("llvm", a, b[:, k])).all(), (n, k)
+                if target == "llvm":  # a column whose pivots are not trusted does not affect the others
+                    assert all((x[:, k] == solve(target, a, b[:, k])).all() for k, a in enumerate(matrices)), (n, width)
 
 
 @pytest.mark.few(2)

@@ -25,7 +25,7 @@ from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm import engine
 from lagrange.machine.model import Model
 from lagrange.program.catalogue import QUANTITIES, program_of
-from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, l, m, model, phi, r, shared_scene, theta, x, y, z
+from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, m, model, r, shared_scene, x, y, z
 
 WIDTHS = (1, 2, 7, 8, 9, 64)
 KEPT: list[Any] = []
@@ -64,21 +64,6 @@ def test_columns_are_the_states_one_by_one(name: str, target: str) -> None:
             assert together == pytest.approx(np.stack(alone, axis=-1), rel=1e-12, abs=1e-12), (quantity, width)
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", SYSTEMS)
-def test_a_second_call_gives_the_same_bits_with_nan_in_between(name: str, target: str) -> None:
-    compiled = model(name, target)
-    q, v, t = states(name, 9)
-    for quantity in ("rhs", "energy"):
-        first = compiled.evaluate(quantity, q, v, t)
-        alone = compiled.evaluate(quantity, q[:, 0], v[:, 0], t[0])
-        poisoned = compiled.evaluate(quantity, np.full_like(q, np.nan), np.full_like(v, np.nan), t)
-        assert np.isnan(poisoned).any(axis=tuple(range(poisoned.ndim - 1))).all()
-        assert np.isnan(compiled.evaluate(quantity, q[:, 0] * np.nan, v[:, 0] * np.nan, t[0])).any()
-        assert (compiled.evaluate(quantity, q, v, t) == first).all()
-        assert np.all(compiled.evaluate(quantity, q[:, 0], v[:, 0], t[0]) == alone)
-
-
 @pytest.mark.parametrize("name", ["double pendulum", "8 carried masses", "blocks", "friction"])
 def test_every_output_is_written(name: str) -> None:
     """The machine code gets an output array full of NaN with additional entries, which it must not change."""
@@ -96,23 +81,6 @@ def test_every_output_is_written(name: str) -> None:
         assert call(float(t[0]), y.ctypes.data, prepared.ctypes.data, out.ctypes.data) == 0
         assert np.isfinite(out[:size]).all() and np.isnan(out[size:]).all()
         assert out[:size] == pytest.approx(np.ravel(kernel(float(t[0]), y, compiled.parameter_array())), rel=0, abs=0)
-
-
-@pytest.mark.parametrize("target", TARGETS)
-def test_states_in_any_layout_and_of_whole_numbers(target: str) -> None:
-    compiled = model("double pendulum", target)
-    q = np.array([[1, 2, 3], [0, 1, 2]])
-    v = np.array([[0, 1, 0], [1, 0, 1]])
-    expected = compiled.accelerations(q.astype(float), v.astype(float))
-    assert (compiled.accelerations(q, v) == expected).all()
-    assert (compiled.accelerations(np.asfortranarray(q), v.tolist()) == expected).all()
-    wide = np.zeros((2, 6), dtype=int)
-    wide[:, ::2] = q
-    assert (compiled.accelerations(wide[:, ::2], v) == expected).all()
-    assert (compiled.rhs(0.0, np.concatenate([q, v])[::1])[2:] == expected).all()
-    assert compiled.accelerations([1, 0], [0, 1]) == pytest.approx(expected[:, 0], rel=1e-12)
-    assert compiled.accelerations(np.empty((2, 0)), np.empty((2, 0))).shape == (2, 0)
-    assert compiled.energy(np.empty((2, 0)), np.empty((2, 0))).shape == (0,)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -148,19 +116,9 @@ class TestSingular:
         q[1, 9] = 0.0
         with pytest.raises(RunError, match=r"singular at t = 0\.9, x = 0\.3, y = 0:"):
             compiled.accelerations(q, np.ones((2, 12)), np.arange(12) / 10)
-        assert np.isfinite(compiled.energy(q, np.ones((2, 12)))).all()  # no inverse is needed for it
-
-    @pytest.mark.parametrize("target", TARGETS)
-    @pytest.mark.parametrize("pole", [0.0])
-    def test_one_coordinate_alone(self, target: str, pole: float) -> None:
-        compiled = model("spherical pendulum", target)
-        with pytest.raises(RunError, match="singular at t = 0, theta = 0, phi = 0"):
-            compiled.accelerations([pole, 0.0], [0.1, 0.2])
-        q = np.array([[0.5, 0.6, pole, 0.7], [0.0, 0.0, 0.25, 0.0]])
-        with pytest.raises(RunError, match=r"singular at t = 0, theta = 0, phi = 0\.25"):
-            compiled.accelerations(q, np.ones((2, 4)))
         with pytest.raises(RunError, match="singular"):
-            compiled.jacobian(0.0, [pole, 0.0, 0.1, 0.2])
+            compiled.jacobian(0.0, [0.3, 0.0, 0.1, 0.2])
+        assert np.isfinite(compiled.energy(q, np.ones((2, 12)))).all()  # no inverse is needed for it
 
     @pytest.mark.parametrize("target", TARGETS)
     def test_by_parameters(self, target: str) -> None:
@@ -186,25 +144,6 @@ class TestSingular:
             h, mass = moving.evaluate("bias", q, [0.1, 0.2]), moving.mass_matrix(q)
             assert mass @ moving.accelerations(q, [0.1, 0.2]) == pytest.approx(h, rel=1e-12, abs=1e-12)
 
-    @pytest.mark.parametrize("target", TARGETS)
-    def test_nearly_massless_is_not_massless(self, target: str) -> None:
-        m1, m2 = sp.symbols("m1 m2", positive=True)
-        a, b = theta, phi
-        tip = (l * sin(a) + l * sin(b), -l * cos(a) - l * cos(b))
-        t = sp.Symbol("t")
-        bob = m2 * sum(sp.diff(part, t) ** 2 for part in tip) / 2
-        compiled = build(
-            target,
-            kinetic=m1 * l**2 * a.dot**2 / 2 + bob,
-            potential=-m1 * l * cos(a) + m2 * tip[1],
-            coordinates=[a, b],
-            parameters={m1: 1.0, m2: 1e-12},
-        )
-        for q in ([0.7, 0.2], [0.0, 0.0], [np.pi / 2, np.pi / 2], [0.4, 0.4]):
-            result = compiled.accelerations(q, [0.3, 0.1])
-            assert result[0] == pytest.approx(-np.sin(q[0]) / VALUES[l], rel=1e-9, abs=1e-9)
-            assert np.isfinite(result).all()
-
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_conditions_on_parameters_alone(target: str) -> None:
@@ -216,31 +155,6 @@ def test_conditions_on_parameters_alone(target: str) -> None:
         assert slope == pytest.approx(-expected * 0.5, rel=1e-13)
         many = compiled.evaluate("forces", np.full((n, 9), 0.5), np.zeros((n, 9)), 0.0, values)[0]
         assert many == pytest.approx(np.full(9, -expected * 0.5), rel=1e-13)
-
-
-@pytest.mark.parametrize("target", TARGETS)
-def test_threads_share_a_model(target: str) -> None:
-    """Many threads call kernels that are not compiled yet, with different parameters."""
-    fresh = model_of(SYSTEMS["double pendulum"](), machine(target))
-    q, v, _ = states("double pendulum", 20)
-    lengths = np.linspace(0.5, 1.5, 8)
-    gate = threading.Barrier(8)
-
-    def work(i: int) -> list[Any]:
-        gate.wait()
-        values = {"l": lengths[i]}
-        return [
-            (fresh.accelerations(q, v, parameters=values), fresh.accelerations(q[:, 0], v[:, 0], parameters=values))
-            for _ in range(30)
-        ]
-
-    with ThreadPoolExecutor(8) as pool:
-        result = list(pool.map(work, range(8)))
-    for i, results in enumerate(result):
-        together = model("double pendulum", target).accelerations(q, v, parameters={"l": lengths[i]})
-        for many, item in results:
-            assert (many == together).all()
-            assert item == pytest.approx(together[:, 0], rel=1e-12)
 
 
 def test_machine_code_that_is_being_freed_is_not_given_to_another_thread(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -212,28 +212,6 @@ def test_no_evaluation_lets_a_warning_out(name: str, target: str) -> None:
     assert answered > refused
 
 
-def split(system: lg.System, start: dict[Any, float]) -> tuple[list[float], list[float]]:
-    coordinates = system.statement.coordinates
-    return [start.get(q, 0.0) for q in coordinates], [start.get(q.diff(lg.t), 0.0) for q in coordinates]
-
-
-@pytest.mark.few(1)
-@pytest.mark.usefixtures("errors")
-@pytest.mark.parametrize("method", ["taylor", "dop853"])
-@pytest.mark.parametrize("name", ["exponential", "coupled masses that differ", "drag", "velocity"])
-def test_no_run_lets_a_warning_out(name: str, method: str) -> None:
-    system = lg.System(**SYSTEMS[name])
-    for start in ({x: 1e3}, {x: 1.0, x.dot: 1e160}, {x: -1.0, x.dot: 1e7}):
-        if not np.isfinite(system.compile().energy(*split(system, start))):
-            with pytest.raises(lg.StatementError, match=r"at the initial state .* Look for an overflow, a division by"):
-                system.run(1.0, start, method=method)
-            continue
-        result = system.run(1.0, start, method=method, max_steps=100)
-        assert len(result.energy) == len(result.t) and str(result) and result.message
-        result.at(np.linspace(0.0, result.t[-1], 5))
-        result.evaluate(exp(1000 * x) / x)
-
-
 def test_what_is_finite_is_told_from_what_is_not() -> None:
     """Accelerations whose squares overflow are finite. An infinite one, without inertia, is refused."""
     for target in ("llvm", "numpy"):

@@ -239,27 +239,6 @@ def test_unknowns_may_be_found_in_stages(name: str, order: int) -> None:
     assert NumpySeries(staged).rows(6, 0.25, state, 0.5, given) == pytest.approx(expected, rel=1e-13, abs=1e-14)
 
 
-@pytest.mark.few(2)
-@pytest.mark.parametrize("order", [6, 0])
-@pytest.mark.parametrize("name", ["charge", "elastic pendulum", "Henon-Heiles"])
-def test_coordinates_are_integrated_from_their_rates(name: str, order: int) -> None:
-    """Here dq/dt is a product with another coordinate, as for rates about a body's axes."""
-    stated_so, statement = euler_lagrange(SYSTEMS[name]()), SYSTEMS[name]()
-    q, v = stated_so.q, stated_so.v
-    program = series_program(replace(stated_so, rate=(v[0] * stated_so.graph.call("cos", q[-1]), *v[1:])))[0]
-    given = np.array([statement.defaults[p] for p in statement.parameters])
-    state = np.array(statement.initial) + np.linspace(0.1, 0.3, 2 * program.dimension)
-    expected = NumpySeries(program).rows(6, 0.25, state, 0.5, given)
-    n = program.dimension
-    assert expected[1, 0] == pytest.approx(0.5 * state[n] * np.cos(state[n - 1]), rel=1e-14)
-    cosine = np.array([np.cos(state[n - 1]), -np.sin(state[n - 1]) * expected[1, n - 1]])
-    second = 0.25 * (expected[0, n] * cosine[1] + expected[1, n] * cosine[0])
-    assert expected[2, 0] == pytest.approx(second, rel=1e-13)
-    for lanes_ in LANES:
-        result = CompiledJet(pack(program, lanes_), order).rows(6, 0.25, state, 0.5, given)
-        assert result == pytest.approx(expected, rel=1e-11, abs=1e-13)
-
-
 # --- taylor cost ----------------------------------------------------------------------------------------------
 # What a series costs is counted from its vectors, and orders and forms follow: counted here from its code as well.
 

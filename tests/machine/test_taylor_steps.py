@@ -307,17 +307,6 @@ def test_another_tolerance_compiles_its_series_once_and_no_loop_over_steps(watch
     assert not any("@taylor_steps(" in text for text in made)
 
 
-def test_a_run_with_the_same_events_and_resets_compiles_nothing(made: list[str]) -> None:
-    """Event functions, resets and the series with events are compiled once for a model and its events."""
-    theta = lg.coordinate("theta")
-    model = unit_pendulum().compile(check=False)
-    for again in (False, True):
-        made.clear()
-        stops = [lg.Event(theta - 0.5), lg.Event(theta + 0.5, direction=-1, reset={theta.dot: -theta.dot})]
-        lg.integrate(model, (0.0, 3.0), rtol=1e-9, events=stops)
-        assert (made == []) is again
-
-
 # --- object code ----------------------------------------------------------------------------------------------
 # The same text is compiled once in a process, and what is kept of it is bounded.
 

@@ -8,19 +8,20 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from sympy import Piecewise, sqrt
+from sympy import Piecewise, log, sqrt
 
 import lagrange as lg
 from lagrange.machine.model import Model
 from lagrange.trajectory.trajectory import Status
+from tests.faults.constraints import LOST, ROD
+from tests.faults.constraints import x as place
+from tests.faults.constraints import y as height
 from tests.faults.motions import NO_NUMBER, on_a_line, particle, sphere, x
 
 t = lg.t
 c, onset = lg.parameters("c onset", positive=False)
 
 HEALTHY = 7
-
-Values = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -83,10 +84,6 @@ LONG = (*NO_NUMBER, Status.MAX_STEPS, Status.UNRELIABLE)
 
 FAULTY = (
     Faulty("nan force", lambda: forced(Piecewise((-x + c, t < onset)), place=1.0), "onset", 0.5, (5.0, 9.0), NO_NUMBER),
-    Faulty("inf by a number", lambda: forced(c / onset - x, place=1.0), "onset", 0.0, (0.5, 2.0), NO_NUMBER),
-    Faulty(
-        "sqrt domain", lambda: particle(-sqrt(1 - x) / 100, 0.0, 1.0), "x_dot", 1.0, (-2.0, 0.1), NO_NUMBER, end=5.0
-    ),
     Faulty("blow-up", lambda: particle(x.dot**2, 0.0, 1.0), "x_dot", 1.0, (-1.0, 0.3), NO_NUMBER, end=2.0),
     Faulty("collision", lambda: on_a_line(x.dot**2 / 2, -1 / x, 1.0), "x", 1.0, (4.0, 6.0), WRONG, end=3.0, step=1e-3),
     Faulty(
@@ -111,4 +108,113 @@ FAULTY = (
         options={"max_steps": 3000},
     ),
 )
-"""One for each status with which `tests.faults` has a member end that another start, or another parameter, avoids."""
+"""Faults of the motion: one for each status with which `tests.faults` has a member end that others avoid."""
+
+
+@cache
+def held(*constraints: Any, **initial: float) -> Model:
+    """Return the model of a unit mass in a plane under unit gravity, with constraints that contain a parameter c."""
+    return lg.System(
+        kinetic=(place.dot**2 + height.dot**2) / 2,
+        potential=height + 0 * c,
+        coordinates=[place, height],
+        constraints=dict(zip("ab", constraints, strict=False)),
+        initial={entry: initial[name] for name, entry in (("x", place), ("y", height)) if name in initial},
+        parameters={c: initial.get("c", 1.0)},
+        name="held mass",
+    ).compile()
+
+
+def rod() -> Model:
+    """Return the model of a bob on a rod of unit length."""
+    return held(ROD, x=0.6, y=-0.8)
+
+
+FAULTY_CONSTRAINTS = (
+    Faulty(
+        "off a constraint",
+        rod,
+        "x",
+        1.3,
+        (0.1, 0.9),
+        (Status.NON_FINITE,),
+        follows=lambda v: {"y": -np.sqrt(np.maximum(1 - v * v, 0.0))},
+    ),
+    Faulty(
+        "dependent",
+        lambda: held(place - height - 1, place - c * height - 1, x=1.0, c=2.0),
+        "c",
+        1.0,
+        (2.0, 3.0),
+        (Status.NON_FINITE,),
+    ),
+    Faulty(
+        "drive out of its domain",
+        lambda: held(place - sqrt(c - lg.t), c=9.0, x=3.0),
+        "c",
+        1.0,
+        (4.0, 9.0),
+        (Status.SINGULAR, Status.DIVERGED, *LOST),
+        end=2.0,
+        follows=lambda v: {"x": np.sqrt(v), "x_dot": -1 / (2 * np.sqrt(v))},
+    ),
+)
+"""Constraints that are not met at the start of a member, are dependent there, or are lost on its way."""
+
+
+@cache
+def falling(force: Any = -2) -> Model:
+    """Return the model of a unit mass on a line under a force, with a parameter c that only events contain."""
+    return lg.System(
+        kinetic=x.dot**2 / 2, forces={x: force + 0 * c}, initial={x: 1.0}, parameters={c: 0.5}, name="falling body"
+    ).compile()
+
+
+kick = Piecewise((1.0, c > 0.9), (c * height.dot, True))
+"""What a positive c makes of a velocity across the rod's end: one along the rod."""
+
+
+FAULTY_EVENTS = (
+    Faulty(
+        "nan event on the way",
+        lambda: falling(0),
+        "x",
+        0.0,
+        (-9.0, -4.0),
+        NO_NUMBER,
+        end=2.0,
+        held={"x_dot": 1.0},
+        options={"events": [log(1 - x) + 1]},
+    ),
+    Faulty(
+        "terminal event",
+        lambda: falling(0),
+        "x",
+        -0.3,
+        (-9.0, -4.0),
+        (Status.EVENT,),
+        held={"x_dot": 1.0},
+        options={"events": [lg.event(x, terminal=True)]},
+    ),
+    Faulty(
+        "bounces without end",
+        falling,
+        "c",
+        0.5,
+        (0.9, 1.0),
+        (Status.STEP_TOO_SMALL,),
+        end=6.0,
+        options={"events": [lg.event(x, direction=-1, reset={x.dot: -c * x.dot})]},
+    ),
+    Faulty(
+        "reset off a constraint",
+        lambda: held(ROD, x=0.6, y=-0.8, c=-1.0),
+        "c",
+        1.0,
+        (-1.0, -0.5),
+        (Status.DIVERGED,),
+        end=2.0,
+        options={"events": [lg.event(place, reset={place.dot: c * place.dot, height.dot: kick})]},
+    ),
+)
+"""Events without a value or an end, a terminal one, and a reset that leaves a constraint."""

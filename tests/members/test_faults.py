@@ -16,9 +16,7 @@ from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.members.faulty import FAULTY, HEALTHY, Faulty
-from tests.members.faulty_constraints import FAULTY_CONSTRAINTS
-from tests.members.faulty_events import FAULTY_EVENTS
+from tests.members.faulty import FAULTY, FAULTY_CONSTRAINTS, FAULTY_EVENTS, HEALTHY, Faulty
 
 METHODS = ("taylor", "dop853", "rk4", "verlet")
 QUEUE = 3 * HEALTHY + 4
