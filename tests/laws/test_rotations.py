@@ -86,17 +86,6 @@ def test_a_free_body_needs_the_products_of_its_seven_equations() -> None:
     assert convolutions(program.rules) == 2 * (12 + 3)
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize(("axis", "growth"), [(0, 0.0), (1, 10 / 3**0.5), (2, 0.0)])
-def test_stability_of_a_steady_spin(axis: int, growth: float) -> None:
-    """Of a free body about its axes: growth w sqrt((J2 - J1)(J3 - J2)/(J1 J3)) about the middle one alone."""
-    rates = [10 * (k == axis) for k in range(3)]
-    linear = body((1, 2, 3), (0, 0, 0)).linearize({R.body: rates})
-    values = np.linalg.eigvals(np.array(linear.A, dtype=float))
-    assert values.real.max() == pytest.approx(growth, abs=1e-6)
-    assert linear.note == "About a steady motion."
-
-
 def top_on_a_joint() -> tuple[lg.System, lg.System]:
     """Return a top whose tip a ball joint holds, and the same as a body that turns about its tip."""
     (x, y, z), (J1, J3) = lg.coordinates("x y z"), lg.parameters("J1 J3")
@@ -138,23 +127,8 @@ def test_linear_equations_on_constraints_agree_with_the_compiled_model_anywhere(
         held.linearize({R.body: (0, 0, 50)})
 
 
-def test_small_turns_of_a_body_that_hangs() -> None:
-    """A body hangs by a point: frequencies sqrt(m g a/J) about the two horizontal axes, and free turns about z."""
-    hanging = body((0.5, 0.8, 0.4), (0, 0, 0), potential=-R[2, 2])
-    assert np.allclose([float(w) for w in hanging.modes().frequencies], [0, 0.8**-0.5, 0.5**-0.5], rtol=1e-12)
-    assert hanging.linearize().A.shape == (6, 6)
-
-
 def momentum_in_space(run: lg.Solution, moments: tuple[float, ...]) -> Any:
     return np.einsum("nij,j,jn->in", run[R], np.array(moments), run[R.body])
-
-
-def test_the_variational_midpoint_keeps_the_momentum_in_space_and_the_length() -> None:
-    """Its discrete Lagrangian has the symmetries of turns in space, which act linearly on quaternions."""
-    run = body((1, 2, 3), (0.3, 1, 0.2)).run(20.0, method="variational-midpoint", step=0.05)
-    momentum = momentum_in_space(run, (1, 2, 3))
-    assert np.abs(momentum - momentum[:, :1]).max() < 1e-13
-    assert np.abs(np.linalg.norm(run.y[:4], axis=0) - 1).max() < 1e-13
 
 
 @pytest.mark.few(1)
@@ -195,15 +169,6 @@ def test_a_step_of_munthe_kaas_is_one_in_local_coordinates() -> None:
     for method, kept in (("munthe-kaas4", True), ("rk4", False)):
         y = system.run(400.0, method=method, step=0.1).y
         assert (np.abs(np.linalg.norm(y[:4], axis=0) - 1).max() < 1e-15) == kept
-
-
-def test_an_adaptive_tableau_in_local_coordinates_controls_its_steps() -> None:
-    system = body((1, 2, 3), (0.3, 1, 0.2))
-    exact = system.run(20.0, rtol=1e-14)[R][-1]
-    method = lg.methods.RungeKutta(lg.methods.Dopri5().tableau, law="local")
-    run = system.run(20.0, method=method, rtol=1e-9)
-    assert np.abs(run[R][-1] - exact).max() < 1e-8
-    assert np.abs(np.linalg.norm(run.y[:4], axis=0) - 1).max() < 1e-15
 
 
 @pytest.mark.slow
@@ -375,23 +340,3 @@ def test_linear_equations_anywhere_agree_with_the_compiled_model(seed: int) -> N
     )
     place = {R: lg.turn(draw.normal(size=3), 1.1), R.body: tuple(draw.normal(size=3).tolist()), x: 0.4, x.dot: -0.2}
     assert system.linearize(place, inputs=[u]).note.startswith("Away from equilibrium")
-
-
-@pytest.mark.slow
-def test_linear_equations_of_a_sleeping_top_in_symbols() -> None:
-    """For a spinning top: x'' = ((1 - J3/J1) w^2 + m g a/J1) x + (2 - J3/J1) w y'."""
-    thick = lg.parameters("J3")
-    top = body((m, m, thick), (0, 0, 0), potential=a * R[2, 2], parameters={m: 1.0, a: 1.0, thick: 0.5})
-    matrix = top.linearize({R.body: (0, 0, 3)}).A
-    expected = sympy.Matrix([[9 * (1 - thick / m) + a / m, 0, 0], [0, 9 * (1 - thick / m) + a / m, 0], [0, 0, 0]])
-    assert (matrix[3:, :3] - expected).applyfunc(sympy.simplify).is_zero_matrix
-    assert sympy.simplify(matrix[3, 4] - 3 * (2 - thick / m)) == 0
-
-
-@pytest.mark.slow
-def test_conserved_momenta_of_a_symmetric_top() -> None:
-    top = body((m, m, a), (0.1, 0.2, 3), lg.turn((1, 0, 0), 0.4), g * R[2, 2], parameters={m: 1.0, g: 1.0, a: 0.5})
-    names = [quantity.name for quantity in top.conserved()]
-    assert names == ["energy", "angular momentum z", "angular momentum z of the body"]
-    for name, values in top.run(5.0, rtol=1e-12).invariants.items():
-        assert np.ptp(values) < 1e-9, name

@@ -93,17 +93,6 @@ def test_a_time_that_is_no_number_is_told(model: Model, t: float) -> None:
         model.rhs(t, STATE)
 
 
-def test_results_without_a_value_come_as_they_are(model: Model) -> None:
-    state = np.array([np.nan, 0.4, -0.3, 0.7])
-    assert np.isnan(model.rhs(0.0, state)[2:]).any()
-
-
-def test_other_parameters_do_not_disturb(model: Model) -> None:
-    expected = model.rhs(0.0, STATE)
-    other = model.rhs(0.0, STATE, {"k": 99.0})
-    assert not np.array_equal(other, expected) and np.array_equal(model.rhs(0.0, STATE), expected)
-
-
 @pytest.mark.parametrize("t", [np.float64(0.25), np.array([0.25])[0]])
 def test_times_as_solvers_give_them_are_quick(model: Model, t: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """SciPy passes times as NumPy numbers from its first step on."""

@@ -24,7 +24,7 @@ from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm_series import CompiledJet
 from lagrange.machine.numpy_machine import Jet, NumpySeries
 from lagrange.program.catalogue import program_of
-from lagrange.program.series import RULES, SeriesProgram, Stage
+from lagrange.program.series import RULES, SeriesProgram
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
@@ -204,39 +204,6 @@ def test_random_systems(T: Any, V: Any, Q: Any, A: Any) -> None:
     state = np.array([0.3, -0.4, 0.2, 0.5])
     for lanes, order in ((2, 6), (4, 0), (8, 10)):
         assert_same_rows(CompiledJet(pack(program, lanes), order), order or 12, 0.3, state, np.empty(0))
-
-
-# --- stages ---------------------------------------------------------------------------------------------------
-
-
-def in_stages(program: SeriesProgram) -> SeriesProgram:
-    """Return the program with one stage for each block of coordinates; later stages use the results of earlier ones."""
-    (whole,) = program.stages
-    assert len(whole.plan.blocks) > 1
-    stages = []
-    for block in whole.plan.blocks:
-        left, right = (tuple(part[i] for i in block) for part in (whole.left, whole.right))
-        places = [(a, b) for a in range(len(block)) for b in range(a + 1)]
-        present = frozenset((a, b) for a, b in places if (block[a], block[b]) in whole.plan.triangle)
-        plan = replace(whole.plan, blocks=(tuple(range(len(block))),), present=present)
-        stages.append(Stage(tuple(whole.unknowns[i] for i in block), left, right, plan))
-    return replace(program, stages=tuple(stages))
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("order", [6, 0])
-@pytest.mark.parametrize("name", ["saddle", "elastic pendulum", "charge", "spherical pendulum", "Henon-Heiles"])
-def test_unknowns_may_be_found_in_stages(name: str, order: int) -> None:
-    """The series is the same: interpreted, unrolled, and in loops (order 0)."""
-    statement = SYSTEMS[name]()
-    program = series_program(euler_lagrange(statement))[0]
-    staged, given = in_stages(program), np.array([statement.defaults[p] for p in statement.parameters])
-    state = np.array(statement.initial) + np.linspace(0.1, 0.3, 2 * program.dimension)
-    expected = NumpySeries(program).rows(6, 0.25, state, 0.5, given)
-    for lanes_ in LANES:
-        result = CompiledJet(pack(staged, lanes_), order).rows(6, 0.25, state, 0.5, given)
-        assert result == pytest.approx(expected, rel=1e-11, abs=1e-13)
-    assert NumpySeries(staged).rows(6, 0.25, state, 0.5, given) == pytest.approx(expected, rel=1e-13, abs=1e-14)
 
 
 # --- taylor cost ----------------------------------------------------------------------------------------------

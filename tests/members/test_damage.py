@@ -118,13 +118,3 @@ def test_damage_that_comes_after_the_call_is_seen_when_results_are_read(
         with pytest.raises(lg.RunError, match=r"is damaged .* make the same call again, which runs the members of dam"):
             runs["x_end"]
         assert is_right_or_refused(partial(read, target), right), change
-
-
-@pytest.mark.slow
-def test_rows_that_are_missing_are_made_again(tmp_path: Path, whole: Path) -> None:
-    right = columns(run(whole))
-    for name in ("checksum", "status", "x", "t", "x_start", "steps/c"):
-        target = tmp_path / name.replace("/", "-")
-        shutil.copytree(whole, target)
-        shutil.rmtree(target / name)
-        assert is_right_or_refused(partial(read, target), right) or name != "steps/c", name

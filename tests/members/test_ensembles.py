@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.members import jobs
 from tests.refusals import refusal
+from tests.systems import rod_pendulum
 
 METHODS: dict[str, dict[str, Any]] = {
     "taylor": {"rtol": 1e-9},
@@ -64,31 +64,6 @@ def test_parameters_vary_and_outputs_are_those_of_a_run() -> None:
         assert np.allclose(runs.y[:, :, i], alone.y, rtol=1e-12, atol=1e-13)
 
 
-x, y = lg.coordinates("x y")
-EVENTS: dict[str, Any] = {"keep": ("end", ("events", 3), ("min", x)), "events": [lg.event(x, terminal=2), y]}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "rk4", "verlet"])
-def test_how_members_are_divided_does_not_change_a_bit_of_events(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Threads, chunks, order and other members have no effect. `test_partitions.py` divides runs without events."""
-    options = {"method": method, **METHODS[method], **EVENTS}
-    henon = system("henon-heiles")
-    initial = lg.grid({"x": (-1.0, 1.0, 9), "y": [-0.2, 0.1, 0.9]})
-    whole = lg.ensemble(henon, 6.0, initial, workers=1, **options)
-    assert len(set(whole.status)) > 1
-    order = np.random.default_rng(1).permutation(len(whole))
-    mixed = lg.ensemble(henon, 6.0, {name: whole.given(name)[order] for name in ("x", "y")}, **options)
-    for size, workers in ((1, 1), (3, 2), (8, 1), (11, 2), (100, 3)):
-        monkeypatch.setattr(jobs, "FIRST_CHUNK", size)
-        monkeypatch.setattr(jobs, "LARGEST_CHUNK", size)
-        runs = lg.ensemble(henon, 6.0, initial, workers=workers, **options)
-        for name in (column.name for column in whole.columns):
-            assert runs.results.column(name).tobytes() == whole.results.column(name).tobytes(), name
-    for name in (column.name for column in whole.columns):
-        assert mixed.results.column(name).tobytes() == whole.results.column(name)[order].tobytes(), name
-
-
 def test_a_member_that_fails_says_why_and_stops_where_a_run_stops() -> None:
     runs = lg.ensemble(system("henon-heiles"), 15.0, {"x": [0.1, 1.0, 0.2]}, t_eval=[1.0, 14.0, 15.0])
     assert [item.value for item in runs.status] == ["success", "step_too_small", "success"]
@@ -98,15 +73,6 @@ def test_a_member_that_fails_says_why_and_stops_where_a_run_stops() -> None:
     assert runs.messages[1].split(" on the way")[0] == alone.message.split(" on the way")[0]
     assert np.isnan(runs.y[:, 1:, 1]).all() and np.isfinite(runs.y[:, 0, 1]).all()
     assert np.isfinite(runs.y[:, :, [0, 2]]).all()
-
-
-def test_an_energy_that_moves_is_told_as_in_a_run() -> None:
-    settings: dict[str, Any] = {"method": "euler", "step": 0.1}
-    runs = lg.ensemble(system("pendulum"), 60.0, {"theta": [0.01, 2.5]}, **settings)
-    for i, theta in enumerate((0.01, 2.5)):
-        alone = system("pendulum").run(60.0, {"theta": theta}, **settings)
-        assert runs.status[i] is alone.status
-        assert runs.status[i] is lg.Status.SUCCESS or runs.messages[i] == alone.message
 
 
 def test_a_grid_is_every_combination_and_a_sample_is_repeated_by_its_seed() -> None:
@@ -214,25 +180,11 @@ def test_grids_and_samples_refuse_in_words(make: Any, text: str) -> None:
 # Members one after the other of which only the last state is kept: they end as runs do, and fail as runs do.
 
 
-@cache
-def rod() -> lg.System:
-    """Return a pendulum in Cartesian coordinates."""
-    x, y = lg.coordinates("x y")
-    m, g = lg.parameters("m g")
-    return lg.System(
-        kinetic=m * (x.dot**2 + y.dot**2) / 2,
-        potential=m * g * y,
-        constraints=[x**2 + y**2 - 1],
-        parameters={m: 1.0, g: 9.81},
-        initial={x: 1.0, y: 0.0},
-    )
-
-
 @pytest.mark.parametrize(("method", "settings"), [("taylor", {"rtol": 1e-9}), ("radau5-index2", {"rtol": 1e-6})])
 def test_members_with_constraints_end_where_runs_end(method: str, settings: dict[str, Any]) -> None:
-    angles = np.linspace(0.0, 1.5, 5)
-    runs = lg.ensemble(rod(), 1.0, {"x": np.cos(angles), "y": -np.sin(angles)}, method=method, **settings)
+    rod, angles = rod_pendulum(), np.linspace(0.0, 1.5, 5)
+    runs = lg.ensemble(rod, 1.0, {"x": np.cos(angles), "y": -np.sin(angles)}, method=method, **settings)
     assert runs.form == "runs one after the other"
     for i, angle in enumerate(angles):
-        alone = rod().run(1.0, {"x": np.cos(angle), "y": -np.sin(angle)}, method=method, **settings)
+        alone = rod.run(1.0, {"x": np.cos(angle), "y": -np.sin(angle)}, method=method, **settings)
         assert runs.y[:, i].tobytes() == alone.y[:, -1].tobytes(), i

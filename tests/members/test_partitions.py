@@ -38,14 +38,16 @@ def run(which: Any = slice(None), **options: Any) -> Columns:
     """Return the results of some members."""
     starts = {"x": VALUES[which], "y": 0.3 * VALUES[::-1][which]}
     x, y = model().statement.coordinates
-    keep = ("end", "counts", "drift", ("max", x), ("min", x**2 - y), ("mean", y))
+    keep: tuple[Any, ...] = ("end", "counts", "drift", ("max", x), ("min", x**2 - y), ("mean", y))
+    if options.pop("watched", False):
+        keep, options["events"] = (*keep, ("events", 3)), [lg.event(x, terminal=2), y]
     runs = lg.ensemble(model(), 15.0, starts, keep=keep, t_eval=[1.0, 7.5, 15.0], **options)
     return {column.name: runs.results.column(column.name) for column in runs.columns}
 
 
 @cache
-def whole(method: str) -> Columns:
-    return run(method=method, workers=1)
+def whole(method: str, *, watched: bool) -> Columns:
+    return run(method=method, workers=1, watched=watched)
 
 
 def ordered(order: Any, **options: Any) -> Columns:
@@ -55,7 +57,8 @@ def ordered(order: Any, **options: Any) -> Columns:
 
 def in_parts(parts: list[Any], **options: Any) -> Columns:
     """Run members in several smaller ensembles."""
-    result = {name: np.empty_like(rows) for name, rows in whole(options["method"]).items()}
+    right = whole(options["method"], watched=options["watched"])
+    result = {name: np.empty_like(rows) for name, rows in right.items()}
     for part in parts:
         for name, rows in run(part, **options).items():
             result[name][part] = rows
@@ -116,15 +119,22 @@ ELSEWHERE: Mapping[str, tuple[int, Callable[..., Columns]]] = {
 METHODS = ("taylor", "dop853", "rk4", "verlet", pytest.param("radau5", marks=pytest.mark.slow))
 
 
-def same(partition: tuple[int, Callable[..., Columns]], method: str, folder: Path, patch: pytest.MonkeyPatch) -> None:
+def same(
+    partition: tuple[int, Callable[..., Columns]],
+    method: str,
+    folder: Path,
+    patch: pytest.MonkeyPatch,
+    *,
+    watched: bool = False,
+) -> None:
     size, result = partition
-    right = dict(whole(method))
+    right = whole(method, watched=watched)
     patch.setattr(jobs, "FIRST_CHUNK", min(size, 8))
     patch.setattr(jobs, "LARGEST_CHUNK", size)
     patch.setattr(store, "LARGEST_BLOCK", size)
-    given = result(folder, method=method)
+    given = result(folder, method=method, watched=watched)
     assert set(given) == set(right)
-    assert method != "taylor" or len(set(right["status"].tolist())) == 2, "all members end in the same way"
+    assert method != "taylor" or len(set(right["status"].tolist())) >= 2, "all members end in the same way"
     for name, rows in right.items():
         assert given[name].tobytes() == rows.tobytes(), name
 
@@ -134,6 +144,15 @@ def same(partition: tuple[int, Callable[..., Columns]], method: str, folder: Pat
 @pytest.mark.parametrize("partition", PARTITIONS)
 def test_a_partition(partition: str, method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     same(PARTITIONS[partition], method, tmp_path, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet"])
+@pytest.mark.parametrize("partition", ["chunks of 1 on 3 threads", "any order in small chunks"])
+def test_a_partition_of_runs_with_events(
+    partition: str, method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    same(PARTITIONS[partition], method, tmp_path, monkeypatch, watched=True)
 
 
 @pytest.mark.slow

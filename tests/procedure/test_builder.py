@@ -218,19 +218,6 @@ def test_what_is_malformed_is_refused(build: Callable[[Builder], Any], said: str
     assert said in broken(build)
 
 
-def test_the_largest_magnitude_is_that_of_all_numbers_or_nan() -> None:
-    p = Builder("size", "The largest |x|.")
-    n, x = p.given("n", WHOLE), p.array("x", room=4, read=True)
-    with p.each(n) as i:
-        size = p.fold("magnitude", x[i])
-    p.leave(size, p.operation("magnitude", x[0], x[1]))
-    made = p.finish(REAL, REAL)
-    for call in (lambda *arguments: run(made, *arguments), loaded(made)):
-        assert call(3, [2.0, -3.0, 1.0]) == (3.0, 3.0)
-        assert call(0, [-0.0, -0.0]) == (0.0, 0.0)
-        assert all(math.isnan(value) for value in call(3, [math.inf, math.nan, -2.0]))
-
-
 @pytest.mark.parametrize(
     ("a", "b", "c", "expected"),
     [

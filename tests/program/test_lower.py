@@ -59,13 +59,12 @@ def b() -> Bench:
 
 
 @given(expressions())
-def test_the_interpreted_program_has_the_value_of_the_graph(forms: Forms) -> None:
+def test_a_program_has_the_values_of_the_graph_hoists_parameters_and_does_nothing_twice(forms: Forms) -> None:
     graph, symbols = new_graph()
     node = forms.node(graph, symbols)
     outputs = [node, *gradient(node, list(symbols.values()))]
-    state = [symbols[name] for name in "xyu"]
-    time = graph.symbol("t", Binding.TIME)
-    program = lower("any", {"out": outputs}, {"y": state}, time, [symbols["m"]])
+    time, state = graph.symbol("t", Binding.TIME), {"y": [symbols[name] for name in "xyu"]}
+    program = lower("any", {"out": outputs}, state, time, [symbols["m"]])
     result = NumpyMachine().load(program)(0.0, np.array([POINT[name] for name in "xyu"]), np.array([POINT["m"]]))
     with mpmath.workdps(30):
         at = {symbols[name]: mpmath.mpf(value) for name, value in POINT.items()}
@@ -74,27 +73,11 @@ def test_the_interpreted_program_has_the_value_of_the_graph(forms: Forms) -> Non
     # Cubes of cubes leave doubles behind; a wrong rule would be wrong for small numbers as well.
     if scale < 1e6:
         assert np.abs(result - [float(value) for value in expected]).max() < 1e-9 * scale
-
-
-@given(expressions())
-def test_nothing_of_time_or_state_is_hoisted_and_all_of_the_parameters_is(forms: Forms) -> None:
-    graph, symbols = new_graph()
-    outputs = [forms.node(graph, symbols)]
-    time = graph.symbol("t", Binding.TIME)
-    program = lower("any", {"out": outputs}, {"y": [symbols[name] for name in "xyu"]}, time, [symbols["m"]])
     moving: set[int] = set()
     for i, (op, args, *_) in enumerate(program.instructions):
         if op in ("state", "time") or moving.intersection(args):
             moving.add(i)
     assert moving == set(range(program.hoisted, len(program.instructions)))
-
-
-@given(expressions())
-def test_no_instruction_is_idle_or_done_twice(forms: Forms) -> None:
-    graph, symbols = new_graph()
-    node = forms.node(graph, symbols)
-    time = graph.symbol("t", Binding.TIME)
-    program = lower("any", {"out": [node]}, {"y": [symbols[name] for name in "xyu"]}, time, [symbols["m"]])
     assert len(set(program.instructions)) == len(program.instructions)
     read = {arg for instruction in program.instructions for arg in instruction.args} | set(program.outputs)
     assert read == set(range(len(program.instructions)))
@@ -302,23 +285,6 @@ def results(of: Program) -> Any:
 
 
 P, U, V, W, X = range(5)
-
-
-def test_what_cancels_is_not_computed() -> None:
-    """p x (u - v) + (p v x + w), as in derivatives of relative angles, becomes p x u + w."""
-    given = program(
-        Instruction("sub", (U, V)),  # 5
-        Instruction("mul", (P, X)),
-        Instruction("mul", (6, 5)),
-        Instruction("mul", (P, V)),
-        Instruction("fma", (8, X, W)),
-        Instruction("add", (7, 9)),  # 10
-        outputs=(10,),
-    )
-    result = simplified(given)
-    assert operations(given) == 7 and operations(result) == 3
-    assert results(result) == pytest.approx(results(given), rel=1e-13)
-    assert [item.op for item in result.instructions[result.hoisted :] if item.op != "state"].count("sub") == 0
 
 
 @pytest.mark.parametrize("first", [1, -1])
