@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from enum import IntEnum
 from typing import Annotated
 
 from lagrange.procedure.form import REAL, Array
@@ -26,7 +24,6 @@ from lagrange.procedure.front.vocabulary import (
     quotient,
     reals,
     record,
-    unlikely,
     unrolled,
     wholes,
 )
@@ -41,11 +38,6 @@ class Counter:
 
     total: float
     count: int
-
-
-class Status(IntEnum):
-    GOOD = 0
-    BAD = 7
 
 
 @dataclass(frozen=True)
@@ -69,23 +61,6 @@ class Weights:
         for power, weight in enumerate(self.numbers):
             total = weight if power == 0 else total + weight * x
         return total
-
-
-@procedure
-def signs(n: int, a: In, out: Out) -> Status:
-    """Write the sign of each element, up to the first NaN."""
-    for i in range(n):
-        x = a[i]
-        if unlikely(x != x) and not likely(x <= 0.0):
-            return Status.BAD
-        if x > 0.0:
-            s = 1.0
-        elif x < 0.0:
-            s = -1.0
-        else:
-            s = 0.0
-        out[i] = s
-    return Status.GOOD
 
 
 @procedure
@@ -124,18 +99,6 @@ def several(n: int, a: In, out: Out) -> tuple[float, int]:
     _, second, _ = sums
     third, _ = sums[2] + second, sums[1] + first
     return first + second + third * 4.0 + last[0], last[1]
-
-
-@procedure
-def guarded(n: int, a: In, out: Out) -> int:
-    """Return the index of the first negative element; no element beyond n is read."""
-    i = 0
-    while i < n and not a[i] < 0.0:
-        i += 1
-    out[0] = a[i] if i < n else math.inf
-    if i < n or a[0] > 1e300:
-        out[1] = 1.0
-    return i
 
 
 @inline
@@ -192,12 +155,6 @@ def by_name(x: float, pair: Pair, *, ops: tuple[str, ...]) -> float:
 
 
 @procedure
-def arithmetic(k: int, m: int, x: float) -> tuple[int, int, int, int, float]:
-    """Return the results of the operators."""
-    return k // m, k % m, quotient(k, m), int(x), max(min(float(k), x), -x) ** 2
-
-
-@procedure
 def scratch(n: int, a: In, out: Out) -> int:
     """Use local arrays and a local record, which is set to zero."""
     work, places, kept = reals(4), wholes(4), Counter()
@@ -236,12 +193,12 @@ def applied(function: Callable[[float, In], float], x: float, a: In) -> float:
 @procedure
 def caller(n: int, a: InBlocks, out: OutBlocks, marks: WholesOut) -> float:
     """Call other procedures."""
-    status = signs(n, a, out)
-    if status != Status.GOOD:
+    total, last = several(n, a, out)
+    if last < 0:
         return -1.0
-    marks[0] = guarded(n, a, out)
+    marks[0] = last
     pair = Pair(a, out, n)
     kept = Counter()
     kept.total = 0.5
     most, _, size = gathered(n, pair, kept)
-    return larger(most, size) + kept.total
+    return larger(most, size) + kept.total + total

@@ -73,11 +73,6 @@ def projected(
     return Outcome(outcome), bool(moved), y, low, asked
 
 
-def test_a_state_whose_violation_is_rounding_is_unchanged() -> None:
-    result = projected([([1e-17, 2e-17], KEPT_VIOLATION, 0.0)], [1.0, 2.0])
-    assert result == (Outcome.DONE, False, [1.0, 2.0], [0.0, 0.0], 1)
-
-
 def test_a_state_and_its_rounding_error_move_as_one_number() -> None:
     """State and rounding errors together lose no bit of a correction below the spacing of the state."""
     state, lost, move = [1.0, -3.0], [2.0**-55, -(2.0**-54)], [2.0**-54 + 2.0**-80, 0.3]
@@ -92,32 +87,31 @@ def test_a_state_and_its_rounding_error_move_as_one_number() -> None:
     assert low[0] > 0
 
 
-def test_corrections_are_repeated_until_the_violation_is_rounding() -> None:
-    answers: list[Answer | None] = [([0.1], 1e-2, 1e-4), ([0.01], 1e-4, 1e-8), ([1e-3], 1e-8, 1e-16), ([9.0], 1.0, 0.0)]
-    outcome, moved, after, _, asked = projected(answers, [1.0])
-    assert (outcome, moved, asked) == (Outcome.DONE, True, 3)
-    assert after == [pytest.approx(1.111)]
+MORE: list[Answer | None] = [([0.1], 1e-2, 1e-4), ([0.01], 1e-4, 1e-8), ([1e-3], 1e-8, 1e-16), ([9.0], 1.0, 0.0)]
+ENDS: dict[str, tuple[list[Answer | None], Outcome, float, int]] = {
+    "a violation of rounding stays": ([([1e-17], KEPT_VIOLATION, 0.0)], Outcome.DONE, 1.0, 1),
+    "corrections are repeated until the violation is rounding": (MORE, Outcome.DONE, 1.111, 3),
+    "a small violation that is not halved stays": ([([5.0], RESOLVED, 0.6 * RESOLVED)], Outcome.DONE, 1.0, 1),
+    "a large one makes the step fail": ([([5.0], 2 * RESOLVED, 1.2 * RESOLVED)], Outcome.UNPROJECTED, 1.0, 1),
+    "slow corrections end": (
+        [([1e-3], 1e-2, 4e-3)],
+        Outcome.UNPROJECTED,
+        1 + 1e-3 * PROJECTION_CORRECTIONS,
+        PROJECTION_CORRECTIONS,
+    ),
+    "a violation that is NaN is no success": ([([0.1], math.nan, 0.0)], Outcome.UNPROJECTED, 1.0, 1),
+    "a remainder that is NaN is none": ([([0.1], 1.0, math.nan)], Outcome.UNPROJECTED, 1.0, 1),
+    "a singular matrix changes nothing": ([None], Outcome.DONE, 1.0, 1),
+}
+"""Answers of the corrections; the outcome, the state that was 1, and the number of corrections asked for."""
 
 
-@pytest.mark.parametrize(("violation", "outcome"), [(RESOLVED, Outcome.DONE), (2 * RESOLVED, Outcome.UNPROJECTED)])
-def test_a_correction_that_leaves_more_than_half_is_not_made(violation: float, outcome: Outcome) -> None:
-    """If a correction does not halve the violation, a small violation stays, and a large one makes the step fail."""
-    assert projected([([5.0], violation, 0.6 * violation)], [1.0]) == (outcome, False, [1.0], [0.0], 1)
-
-
-def test_slow_corrections_end_as_unprojected() -> None:
-    outcome, moved, _, _, asked = projected([([1e-3], 1e-2, 4e-3)], [1.0])
-    assert (outcome, moved, asked) == (Outcome.UNPROJECTED, True, PROJECTION_CORRECTIONS)
-
-
-@pytest.mark.parametrize("answer", [([0.1], float("nan"), 0.0), ([0.1], 1.0, float("nan"))])
-def test_a_violation_that_is_nan_is_no_success(answer: Answer) -> None:
-    assert projected([answer], [1.0]) == (Outcome.UNPROJECTED, False, [1.0], [0.0], 1)
-
-
-def test_a_state_with_a_singular_matrix_is_unchanged() -> None:
-    """At a singular matrix the state is not changed; the run then ends with its message."""
-    assert projected([None], [1.0]) == (Outcome.DONE, False, [1.0], [0.0], 1)
+@pytest.mark.parametrize("case", ENDS)
+def test_each_end_of_a_projection(case: str) -> None:
+    answers, outcome, state, count = ENDS[case]
+    result, moved, after, _, asked = projected(answers, [1.0])
+    assert (result, moved, asked) == (outcome, state != 1.0, count)
+    assert after == ([pytest.approx(state)] if moved else [1.0])
 
 
 # --- vectors --------------------------------------------------------------------------------------------------

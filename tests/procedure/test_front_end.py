@@ -45,14 +45,11 @@ from tests.procedure.plain_functions import (
     Pair,
     Weights,
     applied,
-    arithmetic,
     by_name,
     caller,
     gathered,
-    guarded,
     scratch,
     several,
-    signs,
     sized,
     spliced,
 )
@@ -123,14 +120,11 @@ def _zeros(size: int) -> Any:
 
 
 CASES: dict[str, tuple[Plain[Any, Any], dict[str, Any], Callable[[int], list[Any]]]] = {
-    "signs": (signs, {}, lambda s: [6, numbers(s), np.zeros(8)]),
     "gathered": (gathered, {}, lambda s: [s, Pair(numbers(s), _zeros(16), s % 9), _record(Counter).structure(1.0, 2)]),
     "several": (several, {}, lambda s: [s % 8, numbers(s), np.zeros(8)]),
-    "guarded": (guarded, {}, lambda s: [s % 8, np.abs(numbers(s)) if s % 3 == 0 else numbers(s), np.zeros(8)]),
     "spliced": (spliced, {"weights": WEIGHTS, "twice": False}, lambda s: [s % 7, 0.25, numbers(s)]),
     "spliced twice": (spliced, {"weights": WEIGHTS, "twice": True}, lambda s: [s % 7, 0.25, numbers(s)]),
     "by name": (by_name, {"ops": ("mul", "max", "sub")}, lambda s: [0.3 * s, Pair(numbers(s), _zeros(16), 3)]),
-    "arithmetic": (arithmetic, {}, lambda s: [s * 7 - 25, s - 3 or 2, s * 0.7 - 1.0]),
     "scratch": (scratch, {}, lambda s: [s % 6, numbers(s), np.zeros(8)]),
     # Whole blocks: numbers of the last block beyond the size are undefined.
     "sized": (sized, {"size": 8, "with_tail": True}, lambda s: [np.zeros(11), np.zeros(1), 0.5 * s]),

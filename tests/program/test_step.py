@@ -98,34 +98,6 @@ def test_a_step_is_written_with_its_factors_on_either_side() -> None:
     assert [number(right, c, 0.0, 0.6) for _, c in right.results[0]] == pytest.approx([1, 0.4])
 
 
-def test_a_step_that_does_more_than_combine_is_refused() -> None:
-    with pytest.raises(StatementError, match="adds a number to a vector: a step may only add vectors and multiply"):
-        trace("bad", lambda f, t, y, h: y + h * f(t, y) + 1.0)
-    with pytest.raises(StatementError, match="multiplies two vectors: a step may only add vectors and multiply"):
-        trace("bad", lambda f, t, y, h: f(t, y) * y)
-    with pytest.raises(
-        StatementError, match=r"step function bad cannot be compiled: .*multiplies them by numbers made"
-    ):
-        trace("bad", lambda f, t, y, h: np.sin(y))
-    with pytest.raises(StatementError, match="step function bad cannot be compiled"):
-        trace("bad", lambda f, t, y, h: h + f(t, y))
-    with pytest.raises(StatementError, match="calls f with float, not with a state"):
-        trace("bad", lambda f, t, y, h: f(t, 1.0))
-
-
-def test_a_step_must_return_what_its_kind_does() -> None:
-    with pytest.raises(StatementError, match=r"returns 2 values; it must return 1 new state vector\(s\)\."):
-        trace("bad", lambda f, t, y, h: (y, y))
-    with pytest.raises(StatementError, match=r"returns 1 values; it must return 1 new state vector\(s\) and 1 error"):
-        trace("bad", lambda f, t, y, h: y, control=Control(3))
-    with pytest.raises(StatementError, match=r"it must return 1 new state vector\(s\) and 2 error"):
-        trace("bad", lambda f, t, y, h: (y, y), control=Control(3, damped=True))
-    with pytest.raises(StatementError, match="it must return 2 new state"):
-        trace("bad", lambda a, t, q, v, h: q, law="accelerations")
-    with pytest.raises(StatementError, match="returns 1 values"):
-        trace("bad", lambda f, t, y, h: 3.0)
-
-
 # --- steps that solve -----------------------------------------------------------------------------------------
 
 
@@ -166,55 +138,68 @@ def test_damping_and_prediction_are_recorded() -> None:
     assert traced.solves[0].predicted == (((traced.solves[0].first, traced.ratio),),)
 
 
-def test_what_cannot_be_solved_is_refused() -> None:
-    def nested(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
-        return y + solve(lambda k: f(t, y + f(t, k)) - k, y)
+def leaked(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+    kept = []
 
-    def without_calls(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
-        return y + solve(lambda k: k - y, y)
+    def residual(k: Any) -> Any:
+        kept.append(f(t, k))
+        return kept[0] - k
 
-    def too_few(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
-        return y + sum(solve(lambda a, b: f(t, a + b), (y, y)))
+    solve(residual, y)
+    return y + kept[0] * h
 
-    def leaked(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
-        kept = []
 
-        def residual(k: Any) -> Any:
-            kept.append(f(t, k))
-            return kept[0] - k
+def damped_momenta(g: Any, t: Any, q: Any, v: Any, h: Any, solve: Any) -> Any:
+    w = solve(lambda w: g(t + h, q + w * h, w)[0] - g(t, q, v)[0], v)
+    return q + w * h, solve.damp(h, w)
 
-        solve(residual, y)
-        return y + kept[0] * h
 
-    def early(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
-        return y, solve.damp(h, y)
+PLAIN: dict[str, Any] = {}
+SOLVES: dict[str, Any] = {"implicit": True}
 
-    def numbers(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
-        return y + solve(lambda k: 1.0, y)
+REFUSED: list[tuple[Callable[..., Any], dict[str, Any], str]] = [
+    (
+        lambda f, t, y, h: y + h * f(t, y) + 1.0,
+        PLAIN,
+        "adds a number to a vector: a step may only add vectors and",
+    ),
+    (lambda f, t, y, h: f(t, y) * y, PLAIN, "multiplies two vectors: a step may only add vectors and multiply"),
+    (lambda f, t, y, h: np.sin(y), PLAIN, "step function bad cannot be compiled: .*multiplies them by numbers made"),
+    (lambda f, t, y, h: h + f(t, y), PLAIN, "step function bad cannot be compiled"),
+    (lambda f, t, y, h: f(t, 1.0), PLAIN, "calls f with float, not with a state"),
+    (lambda f, t, y, h: (y, y), PLAIN, r"returns 2 values; it must return 1 new state vector\(s\)\."),
+    (lambda f, t, y, h: y, {"control": Control(3)}, r"returns 1 values; it must return 1 new .*\(s\) and 1 error"),
+    (lambda f, t, y, h: (y, y), {"control": Control(3, damped=True)}, r"must return 1 new .*\(s\) and 2 error"),
+    (lambda a, t, q, v, h: q, {"law": "accelerations"}, "it must return 2 new state"),
+    (lambda f, t, y, h: 3.0, PLAIN, "returns 1 values"),
+    (lambda g, t, q, v, h: g(t, q), {"law": "momentum"}, "calls f with t and 1 vectors, and f takes 2"),
+    (
+        lambda f, t, y, h, solve: y + solve(lambda k: f(t, y + f(t, k)) - k, y),
+        SOLVES,
+        "calls f inside a residual with the result of another such call: name that slope as an unknown",
+    ),
+    (lambda f, t, y, h, solve: y + solve(lambda k: k - y, y), SOLVES, r"for 1 unknown\(s\) with 1 residual\(s\) and 0"),
+    (
+        lambda f, t, y, h, solve: y + sum(solve(lambda a, b: f(t, a + b), (y, y))),
+        SOLVES,
+        r"solves for 2 unknown\(s\) with 1 residual\(s\) and 1 call\(s\) of f",
+    ),
+    (leaked, SOLVES, "uses the result of a call of f in a residual outside"),
+    (lambda f, t, y, h, solve: y + solve(lambda k: 1.0, y), SOLVES, "solve takes combinations of vectors alone"),
+    (lambda f, t, y, h, solve: (y, solve.damp(h, y)), SOLVES, "damp, which needs a call of solve before"),
+    (damped_momenta, {"law": "momentum", **SOLVES}, r"calls damp, which needs .* in a method with law='rhs'"),
+    (
+        lambda a, t, q, v, h, solve: solve(lambda k: a(t, k), q),
+        {"law": "accelerations", **SOLVES},
+        "calls solve: its method must state law='rhs', 'momentum' or 'constrained'",
+    ),
+]
 
-    def momenta(g: Any, t: Any, q: Any, v: Any, h: Any, solve: Any) -> Any:
-        w = solve(lambda w: g(t + h, q + w * h, w)[0] - g(t, q, v)[0], v)
-        return q + w * h, solve.damp(h, w)
 
-    for function, words in (
-        (nested, "calls f inside a residual with the result of another such call: name that slope as an unknown"),
-        (without_calls, r"solves for 1 unknown\(s\) with 1 residual\(s\) and 0 call\(s\) of f"),
-        (too_few, r"solves for 2 unknown\(s\) with 1 residual\(s\) and 1 call\(s\) of f"),
-        (leaked, "uses the result of a call of f in a residual outside"),
-        (numbers, "solve takes combinations of vectors alone"),
-    ):
-        with pytest.raises(StatementError, match=words):
-            implicit(function)
-    with pytest.raises(StatementError, match="damp, which needs a call of solve before"):
-        implicit(early, control=Control(2))
-    with pytest.raises(StatementError, match=r"calls damp, which needs .* in a method with law='rhs'"):
-        trace("mine", momenta, law="momentum", implicit=True)
-    with pytest.raises(
-        StatementError, match="calls solve: its method must state law='rhs', 'momentum' or 'constrained'"
-    ):
-        trace("mine", lambda a, t, q, v, h, solve: solve(lambda k: a(t, k), q), law="accelerations", implicit=True)
-    with pytest.raises(StatementError, match="calls f with t and 1 vectors, and f takes 2"):
-        trace("mine", lambda g, t, q, v, h: g(t, q), law="momentum")
+@pytest.mark.parametrize(("function", "options", "words"), REFUSED, ids=[words for *_, words in REFUSED])
+def test_what_is_no_step_is_refused(function: Callable[..., Any], options: dict[str, Any], words: str) -> None:
+    with pytest.raises(StatementError, match=words):
+        trace("bad", function, **options)
 
 
 # --- projection -----------------------------------------------------------------------------------------------
