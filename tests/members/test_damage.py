@@ -1,7 +1,8 @@
-"""Missing or changed files of a store: the same call runs their members again, or reports the damage."""
+"""Missing or changed files of a store, and full disks: the same call runs members again, or reports the damage."""
 
 from __future__ import annotations
 
+import errno
 import shutil
 from collections.abc import Callable
 from functools import partial
@@ -12,11 +13,12 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.members import store
+from lagrange.members import jobs, store
+from tests.members.store_files import files
 from tests.models import shared_scene
 from tests.public.test_wrong_calls import Caught
 
-pytest.importorskip("zarr")
+zarr = pytest.importorskip("zarr")
 
 STARTS = {"x": [0.05 * k for k in range(20)]}
 
@@ -35,6 +37,7 @@ CHANGES: dict[str, Callable[[bytes], bytes | None]] = {
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(store, "LARGEST_BLOCK", 8)
+    monkeypatch.setattr(jobs, "LARGEST_CHUNK", 8)
 
 
 def run(folder: Path) -> lg.Ensemble:
@@ -90,10 +93,11 @@ def is_right_or_refused(make: Callable[[], dict[str, Any]], right: dict[str, Any
 def test_every_file_of_a_store_that_is_damaged_in_every_way(tmp_path: Path, whole: Path, everything: bool) -> None:
     """Damaged files of a block are written again. Damaged files that describe the store may be refused."""
     right = columns(run(whole))
-    files = [str(item.relative_to(whole)) for item in sorted(whole.rglob("*")) if item.is_file()]
     kinds = ("checksum/", "status/", "t/", "x/", "x_end/", "x_start/", "steps/", "zarr.json")
     chosen = [
-        item for item in files if item.startswith(kinds) and ("/c/" not in item or "/c/1" in item or item[0] == "t")
+        item
+        for item in files(whole)
+        if item.startswith(kinds) and ("/c/" not in item or "/c/1" in item or item[0] == "t")
     ]
     changes = [*CHANGES]
     for number, file in list(enumerate(chosen))[:: 1 if everything else 5]:
@@ -118,3 +122,42 @@ def test_damage_that_comes_after_the_call_is_seen_when_results_are_read(
         with pytest.raises(lg.RunError, match=r"is damaged .* make the same call again, which runs the members of dam"):
             runs["x_end"]
         assert is_right_or_refused(partial(read, target), right), change
+
+
+# --- full disk ------------------------------------------------------------------------------------------------
+# The call reports a disk that is full at some write, and the next call continues with the complete blocks.
+
+
+class Filling:
+    """A replacement for writing to files that fails at some write, perhaps after a part of it."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.room, self.writes = 10**9, 0
+        for module, name in ((zarr.storage._local, "_put"), (store, "write_file")):
+            monkeypatch.setattr(module, name, partial(self.write, getattr(module, name)))
+
+    def write(self, put: Callable[..., Any], path: Path, value: Any, *args: Any, **options: Any) -> Any:
+        self.writes += 1
+        if self.writes > self.room:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            (path.parent / f"{path.name}.{self.writes}.partial").write_bytes(b"half")
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return put(path, value, *args, **options)
+
+
+def test_some_writes_that_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: Path) -> None:
+    disk, right = Filling(monkeypatch), files(whole)
+    run(tmp_path / "counted.zarr")
+    count, block = disk.writes, sum("/c/1" in name for name in right)
+    for room in (0, count // 3, count // 2, count - 1):
+        target, disk.room, disk.writes = tmp_path / f"{room}.zarr", room, 0
+        with pytest.raises(lg.RunError, match="No space left on device") as error:
+            run(target)
+        assert "make the same call again" in str(error.value) and "\n" not in str(error.value)
+        made, written = target.exists(), {item.parent.name for item in (target / "checksum" / "c").glob("*/0")}
+        disk.room, disk.writes = 10**9, 0
+        assert lg.Status.INTERRUPTED not in run(target).status
+        assert files(target) == right
+        assert not [item for item in tmp_path.iterdir() if item.name.startswith(".")]
+        if made:
+            assert disk.writes == (3 - len(written)) * block, "what was stored was written again"
