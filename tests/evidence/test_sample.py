@@ -193,21 +193,6 @@ def test_the_work_of_sizes_is_linear_in_a_chain() -> None:
     assert counts[40] < 2.5 * counts[20]
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("seed", range(3))
-def test_right_equations_in_small_and_large_units_pass(seed: int) -> None:
-    """The quick check reported right equations with x/1e-3 as a fault of lagrange."""
-    draw = random.Random(seed)
-    length, mass, time = (10.0 ** draw.uniform(-12, 12) for _ in range(3))
-    u, w = x / length, y / length
-    shape = [u**2 / (1 + u**2), sympy.sqrt(1 + u**2), 1 / (1 + (u - w) ** 2), sympy.tanh(u) * w, sympy.exp(-(u**2))]
-    kinetic = mass * (x.dot**2 * (1 + draw.choice(shape)) + y.dot**2) / 2
-    potential = mass * (length / time) ** 2 * (draw.choice(shape) + u**2 + w**2)
-    system = lg.System(kinetic, potential, initial={x: length * draw.choice((0.0, 0.3))})
-    system.compile("numpy")
-    assert system.check(points=1)
-
-
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_found_in_any_units(unit: float, fault: str) -> None:

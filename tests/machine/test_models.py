@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from llvmlite.binding.executionengine import ExecutionEngine
-from sympy import cos, sin
+from sympy import sin
 
 import lagrange as lg
 from lagrange.compiler import machine, model_of
@@ -129,21 +129,6 @@ class TestSingular:
             compiled.accelerations(np.ones((2, 3)), np.ones((2, 3)), parameters={"m": 0.0})
         assert np.isfinite(compiled.accelerations([0.3, 0.5], [0, 0])).all()
 
-    @pytest.mark.parametrize("target", TARGETS)
-    def test_regular_where_pivots_vanish(self, target: str) -> None:
-        compiled = model("saddle", target)
-        for q in ([0.0, 0.0, 0.0], [np.pi / 2] * 3):
-            h, mass = compiled.evaluate("bias", q, [0.1, 0.2, 0.3]), compiled.mass_matrix(q)
-            assert mass @ compiled.accelerations(q, [0.1, 0.2, 0.3]) == pytest.approx(h, rel=1e-13, abs=1e-13)
-        moving = build(
-            target,
-            lagrangian=x.dot * y.dot * (1 + sin(x) ** 2) + cos(x) * x.dot**2 + sin(y) * y.dot**2 - k * x * y,
-            coordinates=[x, y],
-        )
-        for q in ([0.0, 0.0], [np.pi / 2, 0.0], [np.pi / 2, np.pi], [0.3, -0.2]):
-            h, mass = moving.evaluate("bias", q, [0.1, 0.2]), moving.mass_matrix(q)
-            assert mass @ moving.accelerations(q, [0.1, 0.2]) == pytest.approx(h, rel=1e-12, abs=1e-12)
-
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_conditions_on_parameters_alone(target: str) -> None:
@@ -227,17 +212,6 @@ def test_the_name_of_a_program_means_nothing(target: str) -> None:
         assert alone.replace("@momentum", "@rhs") == text
         silent = KernelCode(replace(program, returned=())).scalar_module()
         assert "rhs_registers" in text and "rhs_registers" not in silent
-
-
-def test_quantities_of_constraints_have_a_row_for_each_constraint() -> None:
-    x, y, z, w = lg.coordinates("x y z w")
-    kinetic = (x.dot**2 + y.dot**2 + z.dot**2 + w.dot**2) / 2
-    model = lg.System(kinetic=kinetic, coordinates=[x, y, z, w], constraints={"one": x + 2 * y - z * w}).compile()
-    q, v = [1.0, 2.0, 3.0, 4.0], [0.1, 0.2, 0.3, 0.4]
-    np.testing.assert_allclose(model.evaluate("constraint_gradient", q, v), [[1.0, 2.0, -4.0, -3.0]])
-    np.testing.assert_allclose(model.evaluate("constraint_bias", q, v), [-2 * 0.3 * 0.4])
-    forces = model.evaluate("constraint_forces", q, v)
-    np.testing.assert_allclose(forces, model.multipliers(q, v) * np.array([[1.0, 2.0, -4.0, -3.0]]))
 
 
 @pytest.mark.parametrize("target", TARGETS)

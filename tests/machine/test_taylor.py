@@ -170,14 +170,6 @@ def test_all_machines_call_the_same_matrices_singular(constant: bool) -> None:
                 assert np.isfinite(run()).all()
 
 
-def test_a_constant_mass_matrix_that_is_singular_is_told_before_any_step() -> None:
-    statement, program = system("coupled masses")
-    given = parameters(statement, program, np.random.default_rng(0))
-    given[[p.name == "m" for p in statement.parameters]] = 0.0
-    with pytest.raises(SingularMassMatrix):
-        compiled("coupled masses", 8, 6).rows(6, 0.0, np.array(statement.initial), 1.0, given)
-
-
 @pytest.mark.slow
 def test_the_order_of_stated_constraints_scatters_no_operands() -> None:
     """A step of a ladder of 40 loops took 1.4 times as long with its constraints shuffled: 105 and 74 us."""

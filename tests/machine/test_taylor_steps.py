@@ -174,26 +174,23 @@ def test_all_machines_take_the_same_taylor_steps(name: str, order: int, directio
     assert_lockstep(name, order, direction, (1e-8, 1e-40 if name in ("tiny", "slow") else 1e-10))
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize(
-    ("which", "value"), [("longest", 0.011), ("limit", 0.003), ("once", 0.007), ("scale", 2.0**30)]
-)
-@pytest.mark.parametrize("name", ["double pendulum", "thrown"])
-def test_all_machines_keep_to_the_same_bounds(name: str, which: str, value: float) -> None:
-    assert_lockstep(name, 8, 1, (1e-8, 1e-10), **{which: value})
+MIDDLE, BOUNDS = (1e-8, 1e-10), {"longest": 0.011, "limit": 0.003, "once": 0.007, "scale": 2.0**30}
+HARDER: list[tuple[str, int, tuple[float, float], dict[str, float]]] = [
+    *((name, 8, MIDDLE, {which: BOUNDS[which]}) for name in ("double pendulum", "thrown") for which in BOUNDS),
+    *((name, 14, (1e-3, 0.0), {}) for name in ("driven", "Kepler orbit")),
+    *((name, 14, (1e-12, 1e-3), {}) for name in ("driven", "Kepler orbit")),
+    *((name, 14, (1e-15, 1e-15), {}) for name in ("driven", "Kepler orbit")),
+    *(("bump", order, MIDDLE, {}) for order in (8, 14)),
+]
+"""Bounds of steps, tolerances, and steps that are rejected."""
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("tolerances", [(1e-3, 0.0), (1e-12, 1e-3), (1e-15, 1e-15)])
-@pytest.mark.parametrize("name", ["driven", "Kepler orbit"])
-def test_all_machines_keep_to_the_same_tolerances(name: str, tolerances: tuple[float, float]) -> None:
-    assert_lockstep(name, 14, 1, tolerances)
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("order", [8, 14])
-def test_all_machines_take_back_what_fails(order: int) -> None:
-    assert_lockstep("bump", order, 1, (1e-8, 1e-10))
+@pytest.mark.few(4)
+@pytest.mark.parametrize(("name", "order", "tolerances", "bounds"), HARDER)
+def test_all_machines_keep_to_the_same_bounds_and_tolerances_and_reject_the_same_steps(
+    name: str, order: int, tolerances: tuple[float, float], bounds: dict[str, float]
+) -> None:
+    assert_lockstep(name, order, 1, tolerances, **bounds)
 
 
 def test_what_is_probed_does_not_depend_on_how_a_run_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,10 +1,9 @@
-"""Printers and the interpreter agree, beside random functions, on sums of products, kernels and projection."""
+"""Printers and the interpreter agree on sums of products; the loop of the projection."""
 
 from __future__ import annotations
 
 import ctypes
 import math
-import random
 from fractions import Fraction
 from typing import Any
 
@@ -16,13 +15,9 @@ from lagrange.algorithm.projection import KEPT_VIOLATION, PROJECTION_CORRECTIONS
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module
 from lagrange.machine.python_source import loaded
-from lagrange.procedure import form
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind, Procedure, Vector
+from lagrange.procedure.form import REAL, WHOLE
 from lagrange.procedure.interpreter import run
-from lagrange.procedure.values import Entries
-from lagrange.statement.vocabulary.functions import ELEMENTARY
-from tests.procedure.random_functions import bits
 
 
 @pytest.mark.parametrize("count", [1, 3, 8, 11, None])
@@ -43,9 +38,6 @@ def test_products_that_are_added_up_are_rounded_once(count: int | None) -> None:
     assert call(11, first.ctypes.data, second.ctypes.data) == expected
     assert loaded(procedure)(11, *numbers) == pytest.approx(expected, abs=1e-15)
 
-
-# --- kernels --------------------------------------------------------------------------------------------------
-# Programs as procedures give what the interpreter gives, at singular matrices and with pivoting too.
 
 # --- projection -----------------------------------------------------------------------------------------------
 # The loop of the projection: when a state moves, how far, and the outcome if it cannot be projected.
@@ -112,133 +104,3 @@ def test_each_end_of_a_projection(case: str) -> None:
     result, moved, after, _, asked = projected(answers, [1.0])
     assert (result, moved, asked) == (outcome, state != 1.0, count)
     assert after == ([pytest.approx(state)] if moved else [1.0])
-
-
-# --- vectors --------------------------------------------------------------------------------------------------
-# Short vectors: interpreter and machine code agree to the last bit.
-
-
-SIZE = 24
-FUSED = ("fma", "fnma")
-WITHOUT_LIBRARY = frozenset(OPERATIONS) - frozenset(ELEMENTARY) - {"atan2", "power"}
-"""Operations with the same bits everywhere."""
-
-UNSAFE = ("quotient", "whole", "two_to")
-"""Operations without a value for some operands: they are tried apart."""
-
-
-class RandomVectors:
-    """A procedure of random operations on vectors, which stores all of them."""
-
-    def __init__(self, seed: int, *, fused: bool) -> None:
-        self.draw = random.Random(seed)
-        self.p = p = Builder("vectors", "Random vectors.")
-        self.x, self.n = p.given("x", REAL), p.given("n", WHOLE)
-        self.data, self.places = p.array("data", size=SIZE), p.array("places", WHOLE, size=SIZE)
-        self.out, self.counts = p.array("out", size=400), p.array("counts", WHOLE, size=400)
-        self.made: list[Entries] = []
-        self.ops = [op for op in sorted(WITHOUT_LIBRARY) if op not in UNSAFE and (fused or op not in FUSED)]
-        for width in WIDTHS[1:]:
-            self.made += [self.data.entries(self.n, width), self.places.entries(1, width)]
-            self.made += [p.broadcast(self.x, width), self.made[-2] < 0.25]
-
-    def step(self) -> None:
-        """Add one vector or a store."""
-        draw, some = self.draw, self.draw.choice(self.made)
-        match draw.randrange(11):
-            case 0:
-                alike = [item for item in self.made if item.kind is some.kind]
-                parts = [some, *(draw.choice(alike) for _ in range(draw.randrange(3)))]
-                parts = [item if draw.random() < 0.7 else item.permuted(draw.randrange(item.width)) for item in parts]
-                parts += [self.p.constant(0.5, REAL), self.x] if some.kind is REAL and draw.random() < 0.5 else []
-                known = range(sum(item.width if isinstance(item, Entries) else 1 for item in parts))
-                self.made.append(self.p.permuted(parts, draw.choices(known, k=draw.choice(WIDTHS[1:]))))
-            case 1:
-                places = self.pick(WHOLE, some.vector.width)
-                inside = self.p.operation("max", self.p.operation("min", places, SIZE - 1), 0)
-                array, mask = draw.choice([self.data, self.places]), self.pick(FLAG, some.width).ref
-                vector = Vector(array.array.kind, some.width)
-                made = self.p.made(vector, lambda ref: form.Gather(ref, vector, array.ref, inside.ref, mask))
-                self.made.append(made)
-            case 2:
-                self.made.append(self.data.entries(draw.randrange(SIZE - 8), some.width))
-            case 3 if some.vector.kind is REAL:
-                first, mask = self.p.operand(self.n, WHOLE), self.pick(FLAG, some.width).ref
-                self.p.add(form.VectorStore(self.data.ref, first, some.ref, mask))
-            case 4 if some.vector.kind is REAL:
-                places = self.p.operation("max", self.p.operation("min", self.pick(WHOLE, some.width), SIZE - 1), 0)
-                self.p.add(form.Scatter(self.data.ref, places.ref, some.ref, self.pick(FLAG, some.width).ref))
-            case 6 if some.vector.kind is REAL:
-                self.made += self.p.sine_cosine(some * 0.0)
-            case 7:
-                self.keep(some)
-            case 5 if some.vector.kind is FLAG:
-                flag = self.p.made(FLAG, lambda ref: form.Reduce(ref, FLAG, "any", some.ref))
-                self.made.append(self.p.broadcast(flag, draw.choice(WIDTHS[1:])))
-            case _:
-                kinds, _ = draw.choice(OPERATIONS[op := draw.choice(self.ops)])
-                self.made.append(self.p.operation(op, *(self.pick(kind, some.vector.width) for kind in kinds)))
-
-    def keep(self, some: Entries) -> None:
-        """Add a variable that is set in a loop with a branch."""
-        variable = self.p.variable(some)
-        with self.p.loop(0, self.n), self.p.when(self.x < 1.0):
-            variable.value = variable.value.permuted(*range(1, some.width), 0)
-        self.made.append(variable.value)
-
-    def pick(self, kind: Kind, width: int) -> Entries:
-        """Return a random vector of a type."""
-        return self.draw.choice([item for item in self.made if item.vector == Vector(kind, width)])
-
-    def procedure(self) -> Procedure:
-        """Return the procedure; one part of it is in a loop."""
-        for _ in range(6):
-            self.step()
-        known = len(self.made)
-        with self.p.loop(0, 3):
-            for _ in range(6):
-                self.step()
-            self.data.put(2, self.pick(REAL, 8))
-        del self.made[known:]
-        for _ in range(12):
-            self.step()
-        place = 0
-        for item in self.made[-30:]:
-            width, wide = item.vector.width, item
-            if item.vector.kind is FLAG:
-                wide = self.p.operation("select", item, 1.0, 0.0)
-            (self.counts if wide.vector.kind is WHOLE else self.out).put(place, wide)
-            place += width
-        self.p.leave()
-        return self.p.finish()
-
-
-def memory() -> list[Any]:
-    """Return the arguments: a number, an index, and four arrays."""
-    data = np.array([0.5, -1.25, 0.1, 0.0, -0.0, 1e200, -1e-200, 2.0, 7 / 3, -4.0, math.inf, math.nan] * 2)
-    return [0.75, 3, data, np.arange(SIZE)[::-1].copy(), np.zeros(400), np.zeros(400, dtype=np.int64)]
-
-
-def left_in(arguments: list[Any]) -> list[Any]:
-    return [bits(value) for array in arguments[2:] for value in array.tolist()]
-
-
-def in_machine_code(procedure: Procedure, arguments: list[Any], *, optimize: bool) -> list[Any]:
-    compiled = Module(module([procedure]), optimize=optimize)
-    call = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_int64, *[ctypes.c_void_p] * 4)
-    call(compiled.address(procedure.name))(*arguments[:2], *(array.ctypes.data for array in arguments[2:]))
-    return left_in(arguments)
-
-
-def interpreted(procedure: Procedure) -> list[Any]:
-    arguments = memory()
-    run(procedure, *arguments)
-    return left_in(arguments)
-
-
-@pytest.mark.few(4)
-@pytest.mark.parametrize("seed", range(40))
-def test_random_vectors_are_the_same_everywhere(seed: int) -> None:
-    procedure = RandomVectors(seed, fused=seed % 2 == 0).procedure()
-    expected = interpreted(procedure)
-    assert in_machine_code(procedure, memory(), optimize=seed % 4 < 2) == expected
