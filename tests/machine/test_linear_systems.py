@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -26,8 +25,7 @@ from lagrange.graph.node import Binding, Graph
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
 from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm.address import address
-from lagrange.machine.llvm.engine import Module, calling_solver
-from lagrange.machine.llvm.procedures import module as printed
+from lagrange.machine.llvm.engine import calling_solver, compiled
 from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.lower import lower
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, hollow, indefinite, positive, scaled
@@ -353,15 +351,6 @@ SHAPES = [(1, 0), (2, 1), (5, 0), (7, 2), (9, 8), (9, 9), (30, 4), (40, 13), (40
 """Orders and bands; those of three bands are as wide as the matrix, or just not."""
 
 
-@cache
-def compiled() -> tuple[Module, Any, Any]:
-    module = Module(printed([factor_pivoted.form(), solve_pivoted.form()]))
-    whole, memory = ctypes.c_int64, ctypes.c_void_p
-    kinds = (whole, whole, memory, memory)
-    factor = ctypes.CFUNCTYPE(ctypes.c_bool, *kinds)(module.address("factor_pivoted"))
-    return module, factor, ctypes.CFUNCTYPE(None, *kinds)(module.address("solve_pivoted"))
-
-
 def solve_banded(matrix: FloatArray, band: int, right: FloatArray) -> tuple[FloatArray, bool]:
     """Return the solution, and True if the matrix is singular. Work memory is NaN at first."""
     n = len(matrix)
@@ -370,10 +359,9 @@ def solve_banded(matrix: FloatArray, band: int, right: FloatArray) -> tuple[Floa
         for i in range(j, min(n, j + band + 1)):
             given[j * band + i] = matrix[i, j]
     x = right.copy()
-    _, factor, substitute = compiled()
-    singular = factor(n, band, address(given), address(factors))
-    substitute(n, band, address(factors), address(x))
-    return x, bool(singular)
+    singular = compiled(factor_pivoted.form())(n, band, given, factors)
+    compiled(solve_pivoted.form())(n, band, factors, x)
+    return x, singular
 
 
 def banded(n: int, band: int, seed: int) -> FloatArray:
@@ -425,21 +413,13 @@ def test_a_dependent_row_is_found_and_a_nan_is_not_called_one(n: int, band: int)
 INVERTED = [1, 2, 3, 4, 5, 8, 12, UNROLLED_ORDER, UNROLLED_ORDER + 1, 30]
 
 
-@cache
-def compiled_inverse(n: int) -> tuple[Module, Callable[[int, int], bool]]:
-    module = Module(printed([invert_matrix.form(n=n)]), optimize=True)
-    return module, ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)(
-        module.address(invert_matrix.form(n=n).name)
-    )
-
-
 def inverse_of(matrix: FloatArray) -> tuple[FloatArray, bool]:
     """Return the inverse, and True if the matrix is singular. Work memory is NaN at first."""
     n = len(matrix)
     stride = row_stride(n)
     rows, scratch = np.full((n, stride), np.nan), np.full(3 * stride, np.nan)
     rows[:, :n] = matrix
-    singular = compiled_inverse(n)[1](address(rows), address(scratch))
+    singular = compiled(invert_matrix.form(n=n))(rows, scratch)
     return rows[:, :n], singular
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 import random
 from pathlib import Path
@@ -11,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.procedures import module
+from lagrange.machine.llvm.engine import CompiledProcedure
 from lagrange.procedure.form import REAL, Procedure, Record
 from lagrange.procedure.interpreter import run
 from lagrange.procedure.lane_values import UNIFORM, VARYING
@@ -26,18 +24,6 @@ NUMBERS = (0.75, -1.5, math.nan, 1.0, -math.inf, 0.0, 1e-308, 1e308, -0.0, 3.25)
 def interleaved(rows: Any) -> np.ndarray[Any, Any]:
     """Return the rows of all members in the order of machine code."""
     return np.ascontiguousarray(np.array(rows).T)
-
-
-def compiled(entry: Procedure, *, optimize: bool) -> Any:
-    """Return an entry procedure in machine code as a function of numbers and arrays."""
-    code = Module(module([entry]), optimize=optimize)
-
-    def call(*arguments: Any) -> None:
-        types = [ctypes.c_void_p if isinstance(item, np.ndarray) else ctypes.c_int64 for item in arguments]
-        values = [item.ctypes.data if isinstance(item, np.ndarray) else item for item in arguments]
-        ctypes.CFUNCTYPE(None, *types)(code.address(entry.name))(*values)
-
-    return call
 
 
 def interpreted(entry: Procedure) -> Any:
@@ -76,7 +62,7 @@ def in_lanes(procedure: Procedure, members: Any, lanes: int, active: int, life: 
     memory |= {f"result{k}": row for k, row in enumerate(results)}
     memory[ACTIVE] = np.array([active >> k & 1 for k in range(lanes)])
     given = [int(ns[0]) if item.name == "n" and not own_n else memory[item.name] for item in entry.parameters]
-    call = interpreted(entry) if life == "interpreter" else compiled(entry, optimize=life == "optimized")
+    call = interpreted(entry) if life == "interpreter" else CompiledProcedure(entry, optimize=life == "optimized")
     call(*given)
     result = []
     for k in range(lanes):

@@ -5,7 +5,6 @@ There is one case for each rule, since runs reach some rules only by chance. All
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
@@ -37,8 +36,7 @@ from lagrange.algorithm.step.newton_corrections import (
     assess_correction,
 )
 from lagrange.graph.sympy_nodes import to_sympy
-from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.procedures import module
+from lagrange.machine.llvm.engine import CompiledProcedure
 from lagrange.machine.model import Model
 from lagrange.machine.python_source import loaded
 from lagrange.machine.state import DriverState
@@ -57,20 +55,10 @@ VERDICTS = {Outcome.DONE: True, Outcome.PAUSED: False}
 
 
 @cache
-def judgements(adaptive: bool) -> tuple[Callable[..., int], ...]:
-    """Return the procedure by each printer, with a reference to its machine code."""
+def judgements(adaptive: bool) -> tuple[Callable[..., Any], ...]:
+    """Return the procedure by each printer."""
     procedure = assess_correction.form(adaptive=adaptive)
-    code = Module(module([procedure]), optimize=True)
-    types = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double, ctypes.c_double, ctypes.c_int64
-    machine = ctypes.CFUNCTYPE(ctypes.c_int64, *types)(code.address(procedure.name))
-
-    def compiled(newton: Any, *numbers: Any, code: Module = code) -> int:
-        return int(machine(ctypes.addressof(newton), *numbers))
-
-    def interpreted(*arguments: Any) -> int:
-        return int(run(procedure, *arguments)[0])
-
-    return interpreted, loaded(procedure), compiled
+    return lambda *args: run(procedure, *args)[0], loaded(procedure), CompiledProcedure(procedure, optimize=True)
 
 
 class Solve:
@@ -85,7 +73,7 @@ class Solve:
         before, result = bytes(self.known), []
         for judgement in judgements(self.adaptive):
             made = NEWTON.structure.from_buffer_copy(before)
-            result.append((judgement(made, iteration, norm, previous, since), bytes(made)))
+            result.append((int(judgement(made, iteration, norm, previous, since)), bytes(made)))
         assert result[0] == result[1] == result[2]
         self.known = NEWTON.structure.from_buffer_copy(result[0][1])
         return Outcome(result[0][0])

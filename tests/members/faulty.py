@@ -98,15 +98,7 @@ FAULTY = (
     Faulty("no inertia", lambda: sphere(0.0, 1.0, 1.0), "theta", 0.0, (1.0, 1.5), (Status.SINGULAR,)),
     Faulty("massless", weighed, "c", 0.0, (0.5, 2.0), (Status.SINGULAR,)),
     Faulty("huge", lambda: particle(-(x**3), 1.0), "x", 1e300, (0.5, 1.0), NO_NUMBER),
-    Faulty(
-        "stiff",
-        lambda: forced(-c * x.dot - x, place=1.0),
-        "c",
-        1e9,
-        (0.5, 2.0),
-        LONG,
-        options={"max_steps": 3000},
-    ),
+    Faulty("stiff", lambda: forced(-c * x.dot - x, place=1.0), "c", 1e9, (0.5, 2.0), LONG, options={"max_steps": 3000}),
 )
 """Faults of the motion: one for each status with which `tests.faults` has a member end that others avoid."""
 

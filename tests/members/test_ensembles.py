@@ -125,19 +125,13 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"initial": {"theta1": 1.0}}, "no value varies between members"),
     ({"initial": 3}, "initial is 3: give a dict from name to number or array"),
     ({"initial": {"theta1": [1.0]}, "parameters": {"m3": 1.0}}, "'m3' is not a parameter of this system"),
-    (
-        {"initial": {"theta1": [1.0]}, "keep": ("ends",)},
-        "keep has 'ends', which is none of end, counts",
-    ),
+    ({"initial": {"theta1": [1.0]}, "keep": ("ends",)}, "keep has 'ends', which is none of end, counts"),
     (
         {"initial": {"theta1": [1.0]}, "keep": ()},
         'keep is (): give at least one result, such as ("end", ("max", theta)).',
     ),
     ({"initial": {"theta1": [1.0]}, "keep": ("events",)}, "keep has events, and the ensemble has none"),
-    (
-        {"initial": {"theta1": [1.0]}, "keep": (("max", lg.coordinate("w")),)},
-        "contains w(t), which this",
-    ),
+    ({"initial": {"theta1": [1.0]}, "keep": (("max", lg.coordinate("w")),)}, "contains w(t), which this"),
     (
         {"initial": {"theta1": [1.0]}, "keep": (("median", lg.coordinate("theta1")),)},
         "keep has ('median', theta1), which is none of",

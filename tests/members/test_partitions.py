@@ -74,10 +74,7 @@ def spawned() -> Iterator[Any]:
 @contextmanager
 def clustered(**options: Any) -> Iterator[Any]:
     distributed: Any = pytest.importorskip("distributed")
-    with (
-        distributed.LocalCluster(dashboard_address=None, **options) as cluster,
-        distributed.Client(cluster) as client,
-    ):
+    with distributed.LocalCluster(dashboard_address=None, **options) as cluster, distributed.Client(cluster) as client:
         yield client
 
 

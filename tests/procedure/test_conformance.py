@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from fractions import Fraction
 from typing import Any
@@ -12,8 +11,7 @@ import pytest
 
 from lagrange.algorithm.constants import Outcome
 from lagrange.algorithm.projection import KEPT_VIOLATION, PROJECTION_CORRECTIONS, RESOLVED, project
-from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.procedures import module
+from lagrange.machine.llvm.engine import CompiledProcedure
 from lagrange.machine.python_source import loaded
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE
@@ -32,10 +30,7 @@ def test_products_that_are_added_up_are_rounded_once(count: int | None) -> None:
     small = [(3 + i) * 2.0**-30 for i in range(16)]
     numbers = [1 + x for x in small], [(-1) ** (i // 4) * (1 - x) for i, x in enumerate(small)]
     expected = run(procedure, 11, *numbers)[0]
-    code = Module(module([procedure]), optimize=True)
-    call = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_int64, *[ctypes.c_void_p] * 2)(code.address(procedure.name))
-    first, second = (np.array(values) for values in numbers)
-    assert call(11, first.ctypes.data, second.ctypes.data) == expected
+    assert CompiledProcedure(procedure, optimize=True)(11, *map(np.array, numbers)) == expected
     assert loaded(procedure)(11, *numbers) == pytest.approx(expected, abs=1e-15)
 
 

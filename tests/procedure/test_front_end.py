@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import importlib.util
 import linecache
 import math
@@ -18,19 +17,17 @@ import numpy as np
 import pytest
 
 from lagrange.errors import LagrangeError
-from lagrange.machine.llvm.engine import CompiledProcedure, Module
-from lagrange.machine.llvm.procedures import INLINE_ANGLES, module
+from lagrange.machine.llvm.engine import CompiledProcedure
+from lagrange.machine.llvm.procedures import INLINE_ANGLES
 from lagrange.machine.python_source import loaded
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import (
     CONSTANT,
-    FLAG,
     REAL,
     WHOLE,
     Array,
     Block,
     Each,
-    Kind,
     Let,
     Note,
     Parameter,
@@ -60,7 +57,6 @@ from tests.procedure.plain_functions import (
 from tests.procedure.random_functions import DATA, SIZE, TABLE, bits, example
 
 WEIGHTS = Weights((1.0, 2.0, -0.5))
-C_TYPES: dict[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64, FLAG: ctypes.c_bool}
 
 
 def flat(args: Any) -> list[Any]:
@@ -68,33 +64,6 @@ def flat(args: Any) -> list[Any]:
     return [
         item for arg in args for item in ((arg.source, arg.target, arg.length) if isinstance(arg, Pair) else (arg,))
     ]
-
-
-def machine_code(form: Procedure, *, optimize: bool = True) -> Callable[..., Any]:
-    """Return the compiled procedure as a function of its arguments."""
-    types = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
-    results = ", ".join(types[kind] for kind in form.numbers)
-    kinds = [item.type if isinstance(item.type, Kind) else None for item in form.parameters]
-    takes = ", ".join(f"{types[kind] if kind else 'ptr'} %a{i}" for i, kind in enumerate(kinds))
-    returned = f"{{{results}}}" if len(form.results) > 1 else results
-    text = f"define void @wrapper(ptr %result, {takes}) {{\n  %r = call {returned} @{form.name}({takes})\n"
-    text += f"  store {returned} %r, ptr %result\n  ret void\n}}\n"
-    compiled = Module(module([form]) + text, optimize=optimize)
-    c_types = [C_TYPES[kind] if kind else ctypes.c_void_p for kind in kinds]
-    call = ctypes.CFUNCTYPE(None, ctypes.c_void_p, *c_types)(compiled.address("wrapper"))
-    fields = [(f"r{i}", C_TYPES[kind]) for i, kind in enumerate(form.numbers)]
-    structure: Any = type("Results", (ctypes.Structure,), {"_fields_": fields, "code": compiled})
-
-    def run_compiled(*args: Any) -> Any:
-        result = structure()
-        places = [arg.ctypes.data if isinstance(arg, np.ndarray) else arg for arg in args]
-        call(
-            ctypes.addressof(result),
-            *[ctypes.addressof(item) if isinstance(item, ctypes.Structure) else item for item in places],
-        )
-        return tuple(getattr(result, name) for name, _ in fields)
-
-    return run_compiled
 
 
 def seen(results: Any, args: list[Any]) -> list[Any]:
@@ -170,7 +139,7 @@ def in_reverse(procedure: Procedure) -> Procedure:
 def test_a_plain_procedure_does_the_same_in_every_life(name: str) -> None:
     plain, known, make = CASES[name]
     form = plain.form(**known)
-    compiled, printed = machine_code(form), loaded(form)
+    compiled, printed = CompiledProcedure(form, optimize=True), loaded(form)
     for seed in range(6):
         args = [make(seed) for _ in range(5)]
         expected = seen(run(form, *flat(args[0])), args[0])
@@ -483,8 +452,8 @@ def test_a_random_function_does_the_same_in_every_life(seed: int, option: bool, 
 
     lives = {
         "loops in reverse": partial(run, in_reverse(form)),
-        "machine code": machine_code(form, optimize=False),
-        "optimized machine code": machine_code(form, optimize=True),
+        "machine code": CompiledProcedure(form),
+        "optimized machine code": CompiledProcedure(form, optimize=True),
     }
     for given in INPUTS:
         expected = outcome(partial(run, form), given)

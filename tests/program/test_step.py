@@ -158,11 +158,7 @@ PLAIN: dict[str, Any] = {}
 SOLVES: dict[str, Any] = {"implicit": True}
 
 REFUSED: list[tuple[Callable[..., Any], dict[str, Any], str]] = [
-    (
-        lambda f, t, y, h: y + h * f(t, y) + 1.0,
-        PLAIN,
-        "adds a number to a vector: a step may only add vectors and",
-    ),
+    (lambda f, t, y, h: y + h * f(t, y) + 1.0, PLAIN, "adds a number to a vector: a step may only add vectors and"),
     (lambda f, t, y, h: f(t, y) * y, PLAIN, "multiplies two vectors: a step may only add vectors and multiply"),
     (lambda f, t, y, h: np.sin(y), PLAIN, "step function bad cannot be compiled: .*multiplies them by numbers made"),
     (lambda f, t, y, h: h + f(t, y), PLAIN, "step function bad cannot be compiled"),
