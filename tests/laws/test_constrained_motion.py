@@ -26,7 +26,6 @@ from tests.laws.mechanisms import (
     Vector,
     close,
     functions_of,
-    holonomic,
     kinds,
     mechanisms,
     moving,
@@ -154,9 +153,6 @@ def nearest(places: Any, symbols: list[Any], q: Vector) -> Vector:
 # Laws of constraint forces at one state of random mechanisms.
 
 
-places_only = holonomic(*PLACES).map(lambda phi: [phi])
-
-
 def course(mechanism: Mechanism, s: float) -> dict[Any, float]:
     """Return coordinates, velocities and time a little later, by the accelerations."""
     a = mechanism.accelerations()
@@ -213,27 +209,3 @@ def test_a_total_time_derivative_changes_neither_motion_nor_reactions(mechanism:
     other = mechanism.compile(lagrangian=lagrangian, kinetic=None, potential=None)
     assert mechanism.accelerations(other) == close(mechanism.accelerations(), 1e-8)
     assert mechanism.multipliers(other) == close(mechanism.multipliers(), 1e-8)
-
-
-# --- coordinates that are not free ----------------------------------------------------------------------------
-
-
-@some
-@given(mechanisms(places_only), functions_of(t), rationals)
-def test_a_driven_coordinate_may_be_put_into_the_energies(mechanism: Mechanism, f: Any, c: Any) -> None:
-    """z = f(t): the multiplier is the force of the drive."""
-    time, drive = mechanism.time, f + c * sin(t)
-    held = mechanism.compile(constraints={"drive": z - drive})
-    q = [*mechanism.q[:2], float(drive.subs(t, time))]
-    v = [*mechanism.v[:2], float(sp.diff(drive, t).subs(t, time))]
-
-    def inside(expression: Any) -> Any:
-        return expression.subs(z.dot, sp.diff(drive, t)).subs(z, drive)
-
-    energies = {name: inside(mechanism.energies[name]) for name in ("kinetic", "potential")}
-    small = model_of(declare(coordinates=[x, y], **energies), machine("numpy"))
-    result = held.accelerations(q, v, time)
-    assert result[:2] == close(small.accelerations(q[:2], v[:2], time), 1e-8)
-    assert result[2] == close(float(sp.diff(drive, t, 2).subs(t, time)))
-    needed = held.mass_matrix(q, time) @ result - held.evaluate("bias", q, v, time)
-    assert needed == close([0.0, 0.0, held.multipliers(q, v, time)[0]], 1e-8)

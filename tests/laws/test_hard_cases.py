@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from itertools import combinations
 from typing import Any
 
 import mpmath
@@ -50,36 +48,6 @@ def test_an_orbit_that_is_nearly_a_fall(method: str, e: float, allowed: float) -
     r, v = 1 - e, math.sqrt((1 + e) / (1 - e))
     run = orbit.run(20.0, {x: r, y.dot: v}, method=method, **TIGHT).require()
     assert run.y[:2, -1] == pytest.approx(kepler_state(r, v, 20.0), abs=allowed)
-
-
-def attracting(masses: Sequence[float], places: Any, velocities: Any) -> lg.System:
-    """Return point masses in the plane that attract each other, with G = 1."""
-    points = [lg.coordinates(f"x{i} y{i}") for i in range(len(masses))]
-    initial: dict[Any, float] = {}
-    for point, place, velocity in zip(points, places, velocities, strict=True):
-        initial |= dict(zip((*point, *(q.dot for q in point)), (*place, *velocity), strict=True))
-    potential = sum(
-        -masses[i] * masses[j] / sqrt(sum((a - b) ** 2 for a, b in zip(points[i], points[j], strict=True)))
-        for i, j in combinations(range(len(masses)), 2)
-    )
-    return lg.System(
-        kinetic=sum(lg.kinetic_energy(m, point) for m, point in zip(masses, points, strict=True)),
-        potential=potential,
-        coordinates=[q for point in points for q in point],
-        initial=initial,
-        name="bodies",
-    )
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("method", METHODS)
-def test_the_figure_eight_returns(method: str) -> None:
-    """Start and period as published to 14 digits (A. Chenciner, R. Montgomery, 2000, after C. Simo)."""
-    place, speed = (0.97000435669734, -0.24308753153583), (-0.93240737144104, -0.86473146092102)
-    half = (-speed[0] / 2, -speed[1] / 2)
-    eight = attracting((1, 1, 1), (place, (-place[0], -place[1]), (0, 0)), (half, half, speed))
-    run = eight.run(6.32591398292621, method=method, **TIGHT).require()
-    assert run.y[:, -1] == pytest.approx(run.y[:, 0], abs=2e-11)
 
 
 @pytest.mark.few(2)

@@ -292,13 +292,6 @@ def test_conserved_momenta_of_a_thrown_body_have_different_names() -> None:
     assert {"angular momentum z", "angular momentum z of R", "angular momentum z of the body of R"} <= set(names)
 
 
-def test_a_body_passes_the_pole_of_euler_angles() -> None:
-    """It turns about the node through theta = 0, where phi and psi have no values."""
-    run = body((1, 2, 3), (-1.0, 0, 0), lg.turn((1, 0, 0), 0.5)).run(1.0, rtol=1e-13)
-    expected = [[1, 0, 0], [0, np.cos(-0.5), -np.sin(-0.5)], [0, np.sin(-0.5), np.cos(-0.5)]]
-    assert np.abs(run[R][-1] - expected).max() < 1e-13
-
-
 def example(name: str) -> lg.Solution:
     return shared_scene(name).run(rtol=1e-12)
 

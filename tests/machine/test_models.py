@@ -25,7 +25,7 @@ from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm import engine
 from lagrange.machine.model import Model
 from lagrange.program.catalogue import QUANTITIES, program_of
-from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, m, model, r, shared_scene, x, y, z
+from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, m, model, shared_scene, x, y, z
 
 WIDTHS = (1, 2, 7, 8, 9, 64)
 KEPT: list[Any] = []
@@ -183,17 +183,6 @@ def test_threads_compile_their_first_models_at_once() -> None:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_any_expression_along_states(target: str) -> None:
-    compiled = model("double pendulum", target)
-    a0, a1 = compiled.statement.coordinates
-    y = np.concatenate(states("double pendulum", 5)[:2])
-    result = compiled.evaluate_expression(a0.ddot * a1.dot + sin(a1) * m - sp.Symbol("t"), np.arange(5.0), y)
-    expected = compiled.accelerations(y[:2], y[2:])[0] * y[3] + np.sin(y[1]) * VALUES[m] - np.arange(5)
-    assert result == pytest.approx(expected, rel=1e-12)
-    assert (compiled.evaluate_expression(sp.Integer(3), 0.0, y) == np.full(5, 3.0)).all()
-
-
-@pytest.mark.parametrize("target", TARGETS)
 def test_the_name_of_a_program_means_nothing(target: str) -> None:
     """The record of a procedure, not its name, says which arguments and results are passed in registers."""
     program = program_of("rhs", euler_lagrange(SYSTEMS["double pendulum"]()))
@@ -281,13 +270,6 @@ def test_what_cannot_be_meant_is_refused_in_the_names_of_the_system(what: str) -
     for target in TARGETS:
         with pytest.raises(StatementError, match=message):
             call(model("double pendulum", target))
-
-
-def test_a_missing_parameter() -> None:
-    free = build(kinetic=m * r.dot**2 / 2, potential=sp.Symbol("stiffness", real=True) * r**2)
-    with pytest.raises(StatementError, match=r"no value for parameter stiffness: give one, for example parameters="):
-        free.accelerations([0.1], [0.0])
-    assert free.accelerations([0.1], [0.0], parameters={"stiffness": 2})[0] == pytest.approx(-0.4 / VALUES[m])
 
 
 @pytest.mark.parametrize(("name", "count"), [("none", 0), ("two words", 1), ("", 1)])

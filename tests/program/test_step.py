@@ -91,13 +91,6 @@ def test_vectors_are_a_vector_space(a: list[int], b: list[int], k: int) -> None:
     trace("space", step)
 
 
-def test_a_step_is_written_with_its_factors_on_either_side() -> None:
-    left = trace("left", lambda f, t, y, h: y + h * (2 * f(t, y)) / 3)
-    right = trace("right", lambda f, t, y, h: y + f(t, y) * 2 * (h / 3))
-    assert [number(left, c, 0.0, 0.6) for _, c in left.results[0]] == pytest.approx([1, 0.4])
-    assert [number(right, c, 0.0, 0.6) for _, c in right.results[0]] == pytest.approx([1, 0.4])
-
-
 # --- steps that solve -----------------------------------------------------------------------------------------
 
 
