@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import combinations
 from typing import Any
 
 import mpmath
 import numpy as np
 import pytest
-from scipy.special import ellipj, ellipk
+from scipy.optimize import brentq
+from scipy.special import ellipj, ellipk, mathieu_a
 from sympy import cos, sin, sqrt
 
 import lagrange as lg
@@ -48,6 +51,61 @@ def test_an_orbit_that_is_nearly_a_fall(method: str, e: float, allowed: float) -
     r, v = 1 - e, math.sqrt((1 + e) / (1 - e))
     run = orbit.run(20.0, {x: r, y.dot: v}, method=method, **TIGHT).require()
     assert run.y[:2, -1] == pytest.approx(kepler_state(r, v, 20.0), abs=allowed)
+
+
+def attracting(masses: Sequence[float], places: Any, velocities: Any) -> lg.System:
+    """Return point masses in the plane that attract each other, with G = 1."""
+    points = [lg.coordinates(f"x{i} y{i}") for i in range(len(masses))]
+    initial: dict[Any, float] = {}
+    for point, place, velocity in zip(points, places, velocities, strict=True):
+        initial |= dict(zip((*point, *(q.dot for q in point)), (*place, *velocity), strict=True))
+    potential = sum(
+        -masses[i] * masses[j] / sqrt(sum((a - b) ** 2 for a, b in zip(points[i], points[j], strict=True)))
+        for i, j in combinations(range(len(masses)), 2)
+    )
+    return lg.System(
+        kinetic=sum(lg.kinetic_energy(m, point) for m, point in zip(masses, points, strict=True)),
+        potential=potential,
+        coordinates=[q for point in points for q in point],
+        initial=initial,
+        name="bodies",
+    )
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("method", METHODS)
+def test_burraus_bodies_part_as_published(method: str) -> None:
+    """The mass 3 escapes from the other two (V. Szebehely, C. F. Peters, Astron. J. 72, 1967)."""
+    places = np.array([(1, 3), (-2, -1), (1, -1)])
+    run = attracting((3, 4, 5), places, ((0, 0),) * 3).run(80.0, method=method, **TIGHT).require()
+    where, moving = (part.reshape(3, 2) for part in np.split(run.y[:, -1], 2))
+    bound = [
+        (i, j)
+        for i, j in combinations(range(3), 2)
+        if (((moving[i] - moving[j]) ** 2).sum() / 2 < (7 + i + j - 1) / np.linalg.norm(where[i] - where[j]))
+    ]
+    assert run.energy[0] == pytest.approx(-769 / 60, rel=1e-15)
+    assert bound == [(1, 2)]
+    assert np.linalg.norm(where[0]) > 10.0
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("method", METHODS)
+def test_the_threshold_of_kapitzas_pendulum(method: str) -> None:
+    """theta'' = (g - a omega^2 cos(omega t)) theta/l becomes stable at -4 g/(l omega^2) = a_0(2 a/l) of Mathieu."""
+    a = lg.parameters("a")
+    omega, g = 20.0, 9.81
+    place = (sin(theta), a * cos(omega * lg.t) + cos(theta))
+    shaken = lg.System(kinetic=lg.kinetic_energy(1, place), potential=g * place[1], parameters={a: 0.2}, name="shaken")
+    flow, tiny, period = lg.flow(shaken.compile(), method=method, rtol=1e-12, atol=1e-24), 1e-9, 2 * math.pi / omega
+
+    def trace(amplitude: float) -> float:
+        ends = [flow(np.array(start) * tiny, 0.0, period, {a: amplitude}) for start in ([1.0, 0.0], [0.0, 1.0])]
+        return float((ends[0][0] + ends[1][1]) / tiny - 2)
+
+    threshold = brentq(lambda q: mathieu_a(0, q) + 4 * g / omega**2, 1e-3, 0.8, xtol=1e-15) / 2
+    assert brentq(trace, 0.1, 0.4, xtol=1e-15) == pytest.approx(threshold, rel=1e-10)
+    assert threshold == pytest.approx(math.sqrt(2 * g) / omega, rel=0.02)  # a^2 omega^2 = 2 g l, to leading order
 
 
 @pytest.mark.few(2)

@@ -37,26 +37,21 @@ WIDTHS = (1, 2, 7, 8, 9, 11, 64)
 
 
 @cache
-def solver(target: str, n: int, where: str = "state", extra: int = 1) -> Kernel:
+def solver(target: str, n: int, where: str = "state", extra: int = 1, multipliers: int = 0) -> Kernel:
     """Return a kernel that solves A x = b; A comes from the state or the parameters, b from the state."""
     graph = Graph()
     hoisted = where == "parameters"
     binding = Binding.PARAMETER if hoisted else Binding.CONFIGURATION
     entries = [graph.symbol(f"a{i}", binding) for i in range(n * (n + 1) // 2)]
     right = [graph.symbol(f"b{i}", Binding.CONFIGURATION) for i in range(n * extra)]
-    lower_rows = [
-        [entries[i * (i + 1) // 2 + j] * (1 if j == i else graph.constant(1)) for j in range(i + 1)] for i in range(n)
-    ]
-    if hoisted:  # not the parameters themselves, which are at hand anyway
-        lower_rows = [[2 * entry for entry in row] for row in lower_rows]
-        right = [2 * entry for entry in right]
-    outputs = [x for k in range(extra) for x in graph.solve(lower_rows, right[k * n : (k + 1) * n])]
-    time = graph.symbol("t", Binding.TIME)
-    symbols = [node for node in graph.nodes if node.kind.value == "symbol" and node is not time]
-    states = [node for node in symbols if node.data.startswith("b" if hoisted else ("a", "b"))]
-    given = [node for node in symbols if node not in states]
-    program = lower(f"solve{n}", {"x": outputs}, {"y": states}, time, given)
-    return machine(target).load(program)
+    factor = 2 if hoisted else 1  # not the parameters themselves, which are at hand anyway
+    rows = [[factor * entries[i * (i + 1) // 2 + j] for j in range(i + 1)] for i in range(n)]
+    sides = [[factor * entry for entry in right[k * n : (k + 1) * n]] for k in range(extra)]
+    outputs = [x for side in sides for x in graph.solve(rows, side, tuple(range(n - multipliers, n)))]
+    states, given = (right, entries) if hoisted else ([*entries, *right], [])
+    return machine(target).load(
+        lower(f"solve{n}", {"x": outputs}, {"y": states}, graph.symbol("t", Binding.TIME), given)
+    )
 
 
 def solve(target: str, a: Any, b: Any, where: str = "state", extra: int = 1) -> Any:
@@ -220,19 +215,6 @@ def bordered(rng: np.random.Generator, n: int, m: int) -> Any:
     return np.block([[positive(rng, n), border.T], [border, np.zeros((m, m))]])
 
 
-def hoisted_kernel(size: int, multipliers: int) -> Kernel:
-    """Return a kernel of a x = b with a from the parameters, by L D L^T written out."""
-    graph = Graph()
-    entries = [graph.symbol(f"a{i}", Binding.PARAMETER) for i in range(size * (size + 1) // 2)]
-    right = [graph.symbol(f"b{i}", Binding.CONFIGURATION) for i in range(size)]
-    rows = [[2 * entries[i * (i + 1) // 2 + j] for j in range(i + 1)] for i in range(size)]
-    negative = tuple(range(size - multipliers, size))
-    outputs = graph.solve(rows, [2 * entry for entry in right], negative)
-    return machine("llvm").load(
-        lower(f"bordered{size}", {"x": outputs}, {"y": right}, graph.symbol("t", Binding.TIME), entries)
-    )
-
-
 def trusted(kernel: Any, values: Any) -> bool:
     """Return True if every pivot was trusted, from the last entry of the factors."""
     slots = KernelCode(kernel.program).prepared.of_program(kernel.program)
@@ -245,14 +227,15 @@ def test_a_pivot_of_a_multiplier_is_below_zero_and_trusted(n: int, m: int) -> No
     """Otherwise each such system would be solved again with pivoting."""
     rng = np.random.default_rng(n + 10 * m)
     size = n + m
-    stated_so, plain = hoisted_kernel(size, m), hoisted_kernel(size, 0)
+    stated_so, plain = (solver("llvm", size, "parameters", multipliers=count) for count in (m, 0))
     for _ in range(20):
         a, b = bordered(rng, n, m), rng.normal(size=size)
         values = a[np.tril_indices(size)]
         x = stated_so(0.0, b, values)
         assert backward_error(a, x, b) < 1e-11
         assert trusted(stated_so, values) and not trusted(plain, values)
-        assert plain(0.0, b, values) == pytest.approx(x, rel=1e-9, abs=1e-11)
+        for other in (plain, solver("numpy", size, "parameters", multipliers=m)):
+            assert other(0.0, b, values) == pytest.approx(x, rel=1e-9, abs=1e-11)
 
 
 def test_constraints_that_depend_on_one_another_are_not_trusted() -> None:
@@ -260,7 +243,7 @@ def test_constraints_that_depend_on_one_another_are_not_trusted() -> None:
     a = bordered(rng, 4, 2)
     nearly = 3 * a[4, :4] + 1e-3 * a[5, :4]
     a[5, :4] = a[:4, 5] = 3 * a[4, :4]
-    kernel, values = hoisted_kernel(6, 2), a[np.tril_indices(6)]
+    kernel, values = solver("llvm", 6, "parameters", multipliers=2), a[np.tril_indices(6)]
     assert not trusted(kernel, values)
     with pytest.raises(SingularMassMatrix):
         kernel(0.0, np.ones(6), values)

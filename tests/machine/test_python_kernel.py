@@ -200,31 +200,6 @@ def test_a_singular_matrix_is_named_by_its_column(monkeypatch: pytest.MonkeyPatc
         kernel(0.0, states[:, 101], np.empty(0))
 
 
-@pytest.mark.parametrize("hoisted", [True, False])
-def test_pivots_of_multipliers_are_below_zero(hoisted: bool) -> None:
-    """A particle on a plane has the system [[m, g], [g, 0]] (a, l) = (f, 0), with a negative second pivot."""
-    first = Instruction("parameter") if hoisted else Instruction("state")
-    code = (
-        first,
-        Instruction("constant", value=2.0),
-        Instruction("constant", value=0.0),
-        Instruction("factor", (0, 1, 2), order=2, negative=(1,)),
-        Instruction("state", place=1),
-        Instruction("solve", (3, 4, 2), order=2),
-        Instruction("component", (5,)),
-        Instruction("component", (5,), place=1),
-    )
-    program = Program(
-        "held", (ProgramBlock("q", 2),), 1, code, 4 if hoisted else 0, (6, 7), (ProgramBlock("a", 2),), (2,)
-    )
-    kernel, parameters = PythonKernel(program), np.array([3.0])
-    for given in (np.array([3.0, 5.0]), np.array([[3.0, 3.0], [5.0, 6.0]])):
-        assert kernel(0.0, given, parameters)[0] == pytest.approx(0.0, abs=1e-15)
-        assert kernel(0.0, given, parameters)[1] == pytest.approx(given[1] / 2)
-    # Without inertia no pivot can be trusted, and the interpreter still finds the answer.
-    assert kernel(0.0, np.array([0.0, 5.0]), np.array([0.0])) == pytest.approx([0.0, 2.5])
-
-
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_the_source_is_what_runs(quantity: str, target: str) -> None:
