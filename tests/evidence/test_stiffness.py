@@ -228,6 +228,7 @@ DISSIPATING = [name for name in STEPS if not isinstance(find(name), Splitting)]
         ("trapezoidal", math.inf, math.inf),
         ("symplectic-euler", math.nan, 2.0),
         ("verlet", math.nan, 2.0),
+        ("velocity-verlet", math.nan, 2.0),
         ("forest-ruth4", math.nan, 1.5734),
     ],
 )

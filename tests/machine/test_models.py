@@ -93,6 +93,7 @@ def test_time_is_one_number_or_one_per_column(target: str) -> None:
     one = compiled.evaluate("lagrangian", q, v, np.float64(0.75))
     assert one == pytest.approx(np.full(5, several[3]), rel=1e-13)
     assert compiled.evaluate("lagrangian", q, v, sp.Rational(3, 4)) == pytest.approx(one, rel=0, abs=0)
+    assert compiled.energy(q[:, :0], v[:, :0]).shape == (0,)
 
 
 class TestSingular:
