@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -21,7 +20,7 @@ from lagrange.export.contents import ExportContents, module_of
 from lagrange.machine.python_source import loaded, source
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure, Record
-from lagrange.procedure.interpreter import fused, run
+from lagrange.procedure.interpreter import run
 from lagrange.system import System
 from tests.models import x
 
@@ -216,21 +215,6 @@ def loop_without_end(p: Builder) -> None:
 )
 def test_what_is_malformed_is_refused(build: Callable[[Builder], Any], said: str) -> None:
     assert said in broken(build)
-
-
-@pytest.mark.parametrize(
-    ("a", "b", "c", "expected"),
-    [
-        (0.1, 10.0, -1.0, 5.551115123125783e-17),  # 0.1 is 5.55e-18 above a tenth
-        (1e200, 1e200, -math.inf, -math.inf),
-        (1e200, 1e200, 0.0, math.inf),
-        (-0.0, 1.0, -0.0, -0.0),
-    ],
-)
-def test_a_fused_product_is_rounded_once(a: float, b: float, c: float, expected: float) -> None:
-    result = fused(a, b, c)
-    assert result == expected
-    assert math.copysign(1.0, result) == math.copysign(1.0, expected)
 
 
 # --- series ---------------------------------------------------------------------------------------------------
