@@ -75,6 +75,15 @@ def test_a_member_that_fails_says_why_and_stops_where_a_run_stops() -> None:
     assert np.isfinite(runs.y[:, :, [0, 2]]).all()
 
 
+def test_an_energy_that_moves_is_told_as_in_a_run() -> None:
+    settings: dict[str, Any] = {"method": "euler", "step": 0.1}
+    runs = lg.ensemble(system("pendulum"), 60.0, {"theta": [0.01, 2.5]}, **settings)
+    for i, theta in enumerate((0.01, 2.5)):
+        alone = system("pendulum").run(60.0, {"theta": theta}, **settings)
+        assert runs.status[i] is alone.status
+        assert runs.status[i] is lg.Status.SUCCESS or runs.messages[i] == alone.message
+
+
 def test_a_grid_is_every_combination_and_a_sample_is_repeated_by_its_seed() -> None:
     runs = lg.ensemble(system("pendulum"), 0.1, lg.grid({"theta": (0.0, 1.0, 3), "l": [1.0, 2.0]}))
     assert runs["l"].tolist() == [1.0, 2.0] * 3 and runs.given("theta").tolist() == [0.0, 0.0, 0.5, 0.5, 1.0, 1.0]
