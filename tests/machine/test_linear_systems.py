@@ -48,9 +48,9 @@ def solver(target: str, n: int, where: str = "state", extra: int = 1, multiplier
     rows = [[factor * entries[i * (i + 1) // 2 + j] for j in range(i + 1)] for i in range(n)]
     sides = [[factor * entry for entry in right[k * n : (k + 1) * n]] for k in range(extra)]
     outputs = [x for side in sides for x in graph.solve(rows, side, tuple(range(n - multipliers, n)))]
-    states, given = (right, entries) if hoisted else ([*entries, *right], [])
+    states = right if hoisted else [*entries, *right]
     return machine(target).load(
-        lower(f"solve{n}", {"x": outputs}, {"y": states}, graph.symbol("t", Binding.TIME), given)
+        lower(f"solve{n}", {"x": outputs}, {"y": states}, graph.symbol("t", Binding.TIME), entries * hoisted)
     )
 
 

@@ -450,7 +450,7 @@ def test_a_random_function_does_the_same_in_every_life(seed: int, option: bool, 
         x, whole, flag = call(*given, *arrays, kept)
         return [bits(float(x)), int(whole), bool(flag), *map(bits, data.tolist()[:SIZE]), bits(kept.x), kept.count]
 
-    lives = {
+    lives: dict[str, Callable[..., Any]] = {
         "loops in reverse": partial(run, in_reverse(form)),
         "machine code": CompiledProcedure(form),
         "optimized machine code": CompiledProcedure(form, optimize=True),
