@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -13,16 +14,26 @@ import sympy as sp
 import lagrange as lg
 import lagrange.procedure
 from lagrange.algorithm.constants import Outcome
-from lagrange.algorithm.series.integrator import TaylorProcedures
+from lagrange.algorithm.series.integrator import LOOP_LANES, LOOP_TILE, TaylorProcedures
+from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
+from lagrange.algorithm.series.numbers import SeriesNumbers
+from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.taylor.memory import SMALLEST_RTOL
+from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.export.contents import ExportContents, module_of
+from lagrange.machine.numpy_machine import NumpySeries
 from lagrange.machine.python_source import loaded, source
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure, Record
 from lagrange.procedure.interpreter import run
+from lagrange.procedure.rewrite import without_vectors
+from lagrange.program.series import SeriesProgram
+from lagrange.program.taylor import series_program
+from lagrange.statement.statement import Statement
 from lagrange.system import System
 from tests.models import x
+from tests.series_systems import HELD, LARGER
 
 CLOCK = Record.of("Clock", t=REAL, steps=WHOLE)
 
@@ -222,6 +233,11 @@ def test_what_is_malformed_is_refused(build: Callable[[Builder], Any], said: str
 
 FITTED = 3
 """How often the scale of time may be fitted to the first step, which counts as an iteration."""
+FORMS = ("written out", "by order", "in loops")
+HIGHEST = 9
+SYSTEMS = {**LARGER, **HELD}
+SWITCHED = ("friction", "functions")
+"""Systems whose series branch on sides of surfaces."""
 SLOW = ("double-pendulum", "cartesian-double-pendulum", "rolling-disc", "chain-of-springs")
 RUNS = [
     *(("kepler", 1e-6), ("pleiades", 1e-15)),
@@ -232,6 +248,55 @@ RUNS = [
 
 def view(values: Any) -> memoryview:
     return memoryview(np.ascontiguousarray(values, dtype=float).data)
+
+
+def jet(program: SeriesProgram, form: str) -> tuple[Any, SeriesNumbers, Any]:
+    """Return a series as a Python function, with the sizes of its numbers and its rows."""
+    numbers = SeriesNumbers(program, program.constants.parameters)
+    made: ByOrderJet | WrittenJet
+    if form == "by order":
+        made = ByOrderJet(pack(program, 1), numbers)
+    elif form == "in loops":
+        made = ByOrderJet(pack(program, LOOP_LANES), numbers, tile=LOOP_TILE, paired=False)
+    else:
+        made = WrittenJet(pack(program, 1), numbers, HIGHEST)
+    return loaded(without_vectors(made.build())), numbers, made.layout
+
+
+def rows_of(program: SeriesProgram, form: str, order: int, t: float, state: Any, scale: float, parameters: Any) -> Any:
+    """Return the Taylor coefficients of the state by the procedure."""
+    series, numbers, layout = jet(program, form)
+    prepared = view([*parameters, *([math.nan] * (numbers.size + 1))])
+    assert not loaded(numbers.prepare())(prepared)
+    rows = view(np.full(layout.size(order), math.nan))
+    singular = series(t, scale, view([*state, *np.zeros(len(state))]), prepared, prepared, rows, order)
+    assert not singular
+    return np.array(rows)[: (order + 1) * layout.width].reshape(order + 1, -1)[:, : len(state)]
+
+
+def assert_same_rows(statement: Statement, program: SeriesProgram, form: str, order: int) -> None:
+    """Assert equality up to the rounding of sums in another order and an inverted matrix."""
+    rng = np.random.default_rng(order)
+    state = np.array(statement.initial) + rng.uniform(-0.1, 0.1, len(statement.initial))
+    parameters = np.array([statement.defaults[p] for p in statement.parameters])
+    reference = NumpySeries(program)
+    size = np.abs(reference.rows(order, 0.3, state, 1.0, parameters)[-2:]).max()
+    scale = float(2.0 ** -round(np.log2(size) / order)) if size > 0 else 1.0
+    theirs = reference.rows(order, 0.3, state, scale, parameters)[:, : len(state)]
+    ours = rows_of(program, form, order, 0.3, state, scale, parameters)
+    assert (ours[0] == state).all()
+    top = np.maximum.accumulate(np.abs(theirs).max(axis=1))[:, None]
+    assert np.isfinite(theirs).all() and (np.abs(ours - theirs) / top).max() < 1e-11
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_series_are_those_of_the_machines(name: str, form: str) -> None:
+    statement = SYSTEMS[name]()
+    program, _ = series_program(euler_lagrange(statement))
+    assert bool(program.sides) == (name in SWITCHED)
+    for order in () if name in SWITCHED else (4, HIGHEST):
+        assert_same_rows(statement, program, form, order)
 
 
 @cache
