@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from lagrange.export.languages import c_printer, fortran, javascript, octave, rust
+from lagrange.export.languages import c, fortran, javascript, octave, rust
 from lagrange.export.module import SourceModule
 from lagrange.export.target import find
 from lagrange.machine import python_source
@@ -222,7 +222,7 @@ LITERALS = {
     "javascript": javascript.LITERALS.real,
     "rust": rust.LITERALS.real,
     "python": python_source.LITERALS.real,
-    "c": c_printer.LITERALS.real,
+    "c": c.LITERALS.real,
 }
 
 

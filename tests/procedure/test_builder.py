@@ -16,6 +16,7 @@ import lagrange.procedure
 from lagrange.algorithm.constants import Outcome
 from lagrange.algorithm.series.integrator import LOOP_LANES, LOOP_TILE, TaylorProcedures
 from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
+from lagrange.algorithm.series.member_jet import MemberJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.taylor.memory import SMALLEST_RTOL
@@ -233,7 +234,7 @@ def test_what_is_malformed_is_refused(build: Callable[[Builder], Any], said: str
 
 FITTED = 3
 """How often the scale of time may be fitted to the first step, which counts as an iteration."""
-FORMS = ("written out", "by order", "in loops")
+FORMS = ("written out", "by order", "for members", "in loops")
 HIGHEST = 9
 SYSTEMS = {**LARGER, **HELD}
 SWITCHED = ("friction", "functions")
@@ -256,6 +257,8 @@ def jet(program: SeriesProgram, form: str) -> tuple[Any, SeriesNumbers, Any]:
     made: ByOrderJet | WrittenJet
     if form == "by order":
         made = ByOrderJet(pack(program, 1), numbers)
+    elif form == "for members":
+        made = MemberJet(pack(program, 1), numbers, HIGHEST)
     elif form == "in loops":
         made = ByOrderJet(pack(program, LOOP_LANES), numbers, tile=LOOP_TILE, paired=False)
     else:

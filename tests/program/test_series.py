@@ -24,6 +24,7 @@ from lagrange.program.series import RULES, convolutions
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
+from lagrange.statement.vocabulary.functions import FUNCTIONS
 from tests.models import chain, k, m, stated, x, y, z
 from tests.series import NUMBER, all_forms, coefficients, jet, numbers, right_orders, series, sides, values
 from tests.series_systems import bent, growing, kapitza, relative, relativistic, rotating, started, textbook
