@@ -134,6 +134,90 @@ def test_feet_with_different_friction_are_refused_with_names_and_rank() -> None:
         three_feet(0.3, 0.1, 0.5).run(1.0)
 
 
+def test_each_impact_of_a_ball_is_where_geometry_puts_it() -> None:
+    impacts = ball(0.5).run(2.0).contacts["floor"].impacts
+    first = np.sqrt(2 / G)
+    times = [first * (1 + 2 * sum(0.5**j for j in range(1, k + 1))) for k in range(20)]
+    assert [impact.t for impact in impacts[:20]] == pytest.approx(times, abs=1e-14)
+    speeds = G * first * 0.5 ** np.arange(20)
+    assert [impact.impulse for impact in impacts[:20]] == pytest.approx(1.5 * speeds, rel=1e-9)
+    assert [impact.energy_lost for impact in impacts[:20]] == pytest.approx(0.375 * speeds**2, rel=1e-9)
+
+
+def test_a_block_on_an_incline_stops_and_stays() -> None:
+    system = block(0.3, 0.5, initial={"x_dot": 3.0})
+    slowing = G * (np.sin(0.3) + 0.5 * np.cos(0.3))
+    run = system.run(1e6).require()
+    assert run.t[np.argmax(run.contacts["floor"].mode == "sticking")] == pytest.approx(3 / slowing, abs=1e-12)
+    assert run["x"][-1] == pytest.approx(9 / (2 * slowing), abs=1e-12)
+    assert run["x_dot"][-1] == 0.0 and len(set(run["x"][run.contacts["floor"].mode == "sticking"])) == 1
+
+
+def test_a_coulomb_oscillator_loses_the_same_amplitude_in_each_half_period() -> None:
+    x, k = lg.coordinate("x"), 1.0
+    run = block(0.0, 0.1 / G, potential=k * x**2 / 2, initial={"x": 1.05}).run(30.0).require()
+    turns = run["x"][np.flatnonzero(np.diff(run.t) == 0)]
+    # The friction is 0.1: the amplitude falls by 0.2, and the block sticks at 0.05, where the spring is too weak.
+    assert turns == pytest.approx([-0.85, 0.65, -0.45, 0.25, -0.05], abs=1e-9)
+    assert run.contacts["floor"].mode[-1] == "sticking"
+    assert run.contacts["floor"].friction[-1] == pytest.approx(-0.05, abs=1e-9)
+
+
+def test_a_spinning_ball_slips_and_then_rolls() -> None:
+    (x, y, phi), (m, g, r, mu) = lg.coordinates("x y phi"), lg.parameters("m g r mu")
+    floor = lg.contact(y - r, slip=x.dot + r * phi.dot, friction=mu)
+    values = {m: 1, g: G, r: 0.1, mu: 0.2}
+    kinetic = m * (x.dot**2 + y.dot**2) / 2 + m * r**2 * phi.dot**2 / 5
+    system = lg.System(kinetic, m * g * y, contacts={"floor": floor}, parameters=values, initial={y: 0.1, phi.dot: -20})
+    run = system.run(1.0).require()
+    rolls = np.argmax(run.contacts["floor"].mode == "sticking")
+    assert run.t[rolls] == pytest.approx(2 * 2.0 / (7 * 0.2 * G), abs=1e-12)
+    assert run["x_dot"][-1] == pytest.approx(2 * 2.0 / 7, abs=1e-12)
+
+
+@pytest.mark.slow
+def test_masses_collide_as_often_as_pi_has_digits() -> None:
+    (a, b), big = lg.coordinates("a b"), lg.parameters("M")
+    contacts = {"wall": lg.contact(a, restitution=1), "pair": lg.contact(b - a, restitution=1)}
+    start = {a: 1, b: 2, b.dot: -1}
+    system = lg.System(a.dot**2 / 2 + big * b.dot**2 / 2, contacts=contacts, parameters={big: 1e4}, initial=start)
+    run = system.run(500.0).require()
+    assert sum(len(contact.impacts) for contact in run.contacts.values()) == 314
+    assert np.ptp(run.energy) < 1e-9 * run.energy[0]
+
+
+def test_a_ball_on_a_table_doubles_its_period_with_multipliers_minus_one_and_the_square_of_restitution() -> None:
+    """The map of impacts has the determinant e^2 and the trace 1 + e^2 + (1 + e)^2 a/g; the table accelerates with a.
+
+    Its trace is -(1 + e^2) where a = -2 g (1 + e^2)/(1 + e)^2; J. Guckenheimer, P. Holmes, 1983, section 2.4.
+    """
+    y, e = lg.coordinate("y"), 0.5
+    along, across = (1 - e) / (1 + e) / (4 * np.pi), 2 * (1 + e**2) / (1 + e) ** 2 / (4 * np.pi**2)
+    table = along * sin(2 * sympy.pi * lg.t) + across * cos(2 * sympy.pi * lg.t)
+    system = lg.System(y.dot**2 / 2, y, contacts={"table": lg.contact(y - table, restitution=e)})
+    flow, h = lg.flow(system.compile(), rtol=1e-12), 1e-4
+    # Half a period after an impact the ball is at the top of its flight, 1/8 above.
+    middle = np.array([across + 0.125, 0.0])
+    assert flow(middle, 0.5, 1.5) == pytest.approx(middle, abs=1e-10)
+    columns = [(flow(middle + step, 0.5, 1.5) - flow(middle - step, 0.5, 1.5)) / (2 * h) for step in h * np.eye(2)]
+    # Differences have an error of h^2.
+    assert np.sort(np.linalg.eigvals(np.array(columns).T)) == pytest.approx([-1, -0.25], abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_block_slides_straight_on_a_plane_and_stops() -> None:
+    (x, y, z), (m, g, mu) = lg.coordinates("x y z"), lg.parameters("m g mu")
+    floor = lg.contact(z, slip=(x.dot, y.dot), friction=mu)
+    kinetic, values = m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, {m: 1, g: G, mu: 0.3}
+    start = {x.dot: 3, y.dot: 4}
+    system = lg.System(kinetic, m * g * z, contacts={"floor": floor}, parameters=values, initial=start)
+    run = system.run(5.0).require()
+    stops = np.argmax(run.contacts["floor"].mode == "sticking")
+    assert run.t[stops] == pytest.approx(5 / (0.3 * G), abs=1e-11)
+    assert run.y[:3, -1] == pytest.approx([0.6 * 25 / (0.6 * G), 0.8 * 25 / (0.6 * G), 0], abs=1e-10)
+    assert run.contacts["floor"].friction[:, 0] == pytest.approx([-0.6 * 0.3 * G, -0.8 * 0.3 * G])
+
+
 # --- scenes ----------------------------------------------------------------------------------------------------
 # The scenes of the library with contacts, against closed forms and published figures.
 

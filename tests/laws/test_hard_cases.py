@@ -15,6 +15,7 @@ from scipy.special import ellipj, ellipk, mathieu_a
 from sympy import cos, sin, sqrt
 
 import lagrange as lg
+from tests.models import shared_scene
 
 METHODS = [
     row.name
@@ -72,6 +73,17 @@ def attracting(masses: Sequence[float], places: Any, velocities: Any) -> lg.Syst
     )
 
 
+@pytest.mark.few(2)
+@pytest.mark.parametrize("method", METHODS)
+def test_the_figure_eight_returns(method: str) -> None:
+    """Start and period as published to 14 digits (A. Chenciner, R. Montgomery, 2000, after C. Simo)."""
+    place, speed = (0.97000435669734, -0.24308753153583), (-0.93240737144104, -0.86473146092102)
+    half = (-speed[0] / 2, -speed[1] / 2)
+    eight = attracting((1, 1, 1), (place, (-place[0], -place[1]), (0, 0)), (half, half, speed))
+    run = eight.run(6.32591398292621, method=method, **TIGHT).require()
+    assert run.y[:, -1] == pytest.approx(run.y[:, 0], abs=2e-11)
+
+
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_burraus_bodies_part_as_published(method: str) -> None:
@@ -106,6 +118,16 @@ def test_the_threshold_of_kapitzas_pendulum(method: str) -> None:
     threshold = brentq(lambda q: mathieu_a(0, q) + 4 * g / omega**2, 1e-3, 0.8, xtol=1e-15) / 2
     assert brentq(trace, 0.1, 0.4, xtol=1e-15) == pytest.approx(threshold, rel=1e-10)
     assert threshold == pytest.approx(math.sqrt(2 * g) / omega, rel=0.02)  # a^2 omega^2 = 2 g l, to leading order
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("method", METHODS)
+def test_a_lower_bob_that_weighs_nothing_is_not_felt(method: str) -> None:
+    chain = shared_scene("double-pendulum")
+    run = chain.run(10.0, {"theta1": 1.0, "theta2": 2.0}, parameters={"m2": 1e-12}, method=method, **TIGHT).require()
+    k2 = math.sin(0.5) ** 2
+    alone = 2 * math.asin(math.sqrt(k2) * ellipj(float(ellipk(k2)) - math.sqrt(9.81) * 10.0, k2)[0])
+    assert run["theta1"][-1] == pytest.approx(alone, abs=1e-9)
 
 
 @pytest.mark.few(2)

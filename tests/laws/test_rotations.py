@@ -44,6 +44,12 @@ def test_attitude_after_a_period_of_the_rates() -> None:
     assert abs(2 * np.cos(angle) + 1 - np.trace(matrix)) < 1e-11
 
 
+def test_flip_of_a_body_about_its_middle_axis() -> None:
+    """The rates have the period 4 K(k) / rate = 41.50921952933849, in which rounding errors grow by a factor of 100."""
+    run = body((1, 2, 3), (0.01, 1, 0)).run(41.50921952933849, rtol=1e-14)
+    assert np.abs(run[R.body][:, -1] - [0.01, 1, 0]).max() < 1e-12
+
+
 @pytest.mark.few(1)
 @pytest.mark.parametrize("weight", [0, 0.8])
 def test_the_length_of_the_quaternion_stays_one(weight: float) -> None:
@@ -84,6 +90,36 @@ def test_a_free_body_needs_the_products_of_its_seven_equations() -> None:
     """Twelve products of the quaternion and the rates, and three of the rates."""
     program = series_program(euler_lagrange(body((1, 2, 3), (0, 0, 0)).statement))[0]
     assert convolutions(program.rules) == 2 * (12 + 3)
+
+
+@pytest.mark.parametrize("root", [-1, 1])
+def test_steady_precession(root: int) -> None:
+    """A top at a constant tilt precesses at the roots of J1 w^2 cos(tilt) - J3 spin w + m g a = 0."""
+    tilt, spin, moments = 0.5, 10.0, (1.0, 1.0, 0.6)
+    momentum = moments[2] * spin
+    slow = (momentum + root * np.sqrt(momentum**2 - 4 * np.cos(tilt))) / (2 * np.cos(tilt))
+    top = body(moments, (0, slow * np.sin(tilt), spin), lg.turn((1, 0, 0), tilt), R[2, 2])
+    axis = top.run(2.0, rtol=1e-13)[R][-1, :, 2]
+    expected = [np.sin(tilt) * np.sin(2 * slow), -np.sin(tilt) * np.cos(2 * slow), np.cos(tilt)]
+    assert np.abs(axis - expected).max() < 1e-10
+
+
+def test_limit_of_a_sleeping_top() -> None:
+    """An upright top is stable above the spin 2 sqrt(m g a J1) / J3 = 4: a push of 1e-3 grows below it alone."""
+    for spin, stable in ((3.9, False), (4.1, True)):
+        run = body((1.0, 1.0, 0.5), (1e-3, 0, spin), potential=R[2, 2]).run(60.0)
+        assert (run[R][:, 2, 2].min() > 0.9999) == stable
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize(("axis", "growth"), [(0, 0.0), (1, 10 / 3**0.5), (2, 0.0)])
+def test_stability_of_a_steady_spin(axis: int, growth: float) -> None:
+    """Of a free body about its axes: growth w sqrt((J2 - J1)(J3 - J2)/(J1 J3)) about the middle one alone."""
+    rates = [10 * (k == axis) for k in range(3)]
+    linear = body((1, 2, 3), (0, 0, 0)).linearize({R.body: rates})
+    values = np.linalg.eigvals(np.array(linear.A, dtype=float))
+    assert values.real.max() == pytest.approx(growth, abs=1e-6)
+    assert linear.note == "About a steady motion."
 
 
 def top_on_a_joint() -> tuple[lg.System, lg.System]:
@@ -127,8 +163,31 @@ def test_linear_equations_on_constraints_agree_with_the_compiled_model_anywhere(
         held.linearize({R.body: (0, 0, 50)})
 
 
+def test_small_turns_of_a_body_that_hangs() -> None:
+    """A body hangs by a point: frequencies sqrt(m g a/J) about the two horizontal axes, and free turns about z."""
+    hanging = body((0.5, 0.8, 0.4), (0, 0, 0), potential=-R[2, 2])
+    assert np.allclose([float(w) for w in hanging.modes().frequencies], [0, 0.8**-0.5, 0.5**-0.5], rtol=1e-12)
+    assert hanging.linearize().A.shape == (6, 6)
+
+
+def test_constant_of_kovalevskaya() -> None:
+    top = body((2, 2, 1), (0.3, 0.5, -0.4), lg.turn((1, 2, 3), 0.7), R[2, 0])
+    run = top.run(20.0, rtol=1e-13)
+    rates, down = run[R.body], run[R][:, 2, :].T
+    constant = np.abs((rates[0] + 1j * rates[1]) ** 2 - (down[0] + 1j * down[1])) ** 2
+    assert np.ptp(constant) < 1e-12
+
+
 def momentum_in_space(run: lg.Solution, moments: tuple[float, ...]) -> Any:
     return np.einsum("nij,j,jn->in", run[R], np.array(moments), run[R.body])
+
+
+def test_the_variational_midpoint_keeps_the_momentum_in_space_and_the_length() -> None:
+    """Its discrete Lagrangian has the symmetries of turns in space, which act linearly on quaternions."""
+    run = body((1, 2, 3), (0.3, 1, 0.2)).run(20.0, method="variational-midpoint", step=0.05)
+    momentum = momentum_in_space(run, (1, 2, 3))
+    assert np.abs(momentum - momentum[:, :1]).max() < 1e-13
+    assert np.abs(np.linalg.norm(run.y[:4], axis=0) - 1).max() < 1e-13
 
 
 @pytest.mark.few(1)
@@ -169,6 +228,15 @@ def test_a_step_of_munthe_kaas_is_one_in_local_coordinates() -> None:
     for method, kept in (("munthe-kaas4", True), ("rk4", False)):
         y = system.run(400.0, method=method, step=0.1).y
         assert (np.abs(np.linalg.norm(y[:4], axis=0) - 1).max() < 1e-15) == kept
+
+
+def test_an_adaptive_tableau_in_local_coordinates_controls_its_steps() -> None:
+    system = body((1, 2, 3), (0.3, 1, 0.2))
+    exact = system.run(20.0, rtol=1e-14)[R][-1]
+    method = lg.methods.RungeKutta(lg.methods.Dopri5().tableau, law="local")
+    run = system.run(20.0, method=method, rtol=1e-9)
+    assert np.abs(run[R][-1] - exact).max() < 1e-8
+    assert np.abs(np.linalg.norm(run.y[:4], axis=0) - 1).max() < 1e-15
 
 
 @pytest.mark.slow
@@ -292,8 +360,40 @@ def test_conserved_momenta_of_a_thrown_body_have_different_names() -> None:
     assert {"angular momentum z", "angular momentum z of R", "angular momentum z of the body of R"} <= set(names)
 
 
+def test_a_body_passes_the_pole_of_euler_angles() -> None:
+    """It turns about the node through theta = 0, where phi and psi have no values."""
+    run = body((1, 2, 3), (-1.0, 0, 0), lg.turn((1, 0, 0), 0.5)).run(1.0, rtol=1e-13)
+    expected = [[1, 0, 0], [0, np.cos(-0.5), -np.sin(-0.5)], [0, np.sin(-0.5), np.cos(-0.5)]]
+    assert np.abs(run[R][-1] - expected).max() < 1e-13
+
+
 def example(name: str) -> lg.Solution:
     return shared_scene(name).run(rtol=1e-12)
+
+
+def test_a_wing_nut_has_turned_over_every_half_period() -> None:
+    """The start is that of the flip above. Four half periods are two periods of the rates."""
+    run = example("free-top")
+    assert np.abs(run[R.body][:, -1] - run[R.body][:, 0]).max() < 1e-6
+    assert run[R.body][1].min() < -0.999
+
+
+def test_a_sleeping_top_falls_and_rises_on_the_curve_of_its_energy() -> None:
+    """At the spin w with J3 w = 1.9 the lowest height is 1.9^2/2 - 1 = 0.805, up to the push."""
+    run = example("sleeping-top")
+    height = run.sampled(np.linspace(0, run.t[-1], 1000))[R][:, 2, 2]
+    assert abs(height.min() - 0.805) < 1e-3
+    assert height.max() > 0.999999
+
+
+def test_a_heavy_top_nods_between_the_roots_of_its_cubic() -> None:
+    """Let go at rest, its height falls from u0 to the root u of 2 m g a J1 (1 - u^2) = p^2 (u0 - u)."""
+    run = example("heavy-top")
+    start, p = np.cos(0.5), 0.01 * run[R.body][2, 0]
+    rate = 2 * 9.81 * 0.1 * 0.02
+    low = np.roots([rate, -(p**2), p**2 * start - rate])
+    assert abs(run[R][:, 2, 2].min() - low[np.abs(low) < 1][0]) < 2e-4
+    assert run[R][:, 2, 2].max() < start + 1e-12
 
 
 def test_a_ball_of_chaplygin_keeps_its_momentum_about_the_point_of_contact() -> None:
@@ -303,6 +403,25 @@ def test_a_ball_of_chaplygin_keeps_its_momentum_about_the_point_of_contact() -> 
     momentum = momentum_in_space(run, (0.3, 0.4, 0.5)) + spin * np.array([[1], [1], [0]])
     assert np.abs(momentum - momentum[:, :1]).max() < 1e-9
     assert np.ptp(run.energy) < 1e-10
+
+
+@pytest.mark.slow
+def test_a_rattleback_turns_back() -> None:
+    run = example("rattleback")
+    spin = run[R.space][2]
+    assert spin[0] == pytest.approx(-5)
+    assert spin[-1] > 4
+    assert np.ptp(run.energy) < 1e-9 * np.abs(run.energy).max()
+
+
+@pytest.mark.slow
+def test_a_quadrotor_rises_and_rolls_by_the_integrals_of_its_thrusts() -> None:
+    """The roll rate is the integral of 2 l u / J1; after whole periods of the sine it is back at zero."""
+    run = example("quadrotor")
+    t, rate = run.t, run[R.body][0]
+    expected = 2 * 0.2 * 0.02 * (1 - np.cos(2 * np.pi * t)) / (2 * np.pi * 0.005)
+    assert np.abs(rate - expected).max() < 1e-9
+    assert abs(run[R][-1, 2, 1] - np.sin(2 * 0.2 * 0.02 * 2 / (2 * np.pi * 0.005))) < 1e-9
 
 
 @pytest.mark.slow
@@ -316,6 +435,15 @@ def test_rods_on_ball_joints_keep_energy_and_momentum_about_the_vertical() -> No
         generator |= {w: -k / 2, i: -j / 2, j: i / 2, k: w / 2}
     assert np.ptp(run.energy) < 1e-10
     assert np.ptp(run.evaluate(system.noether(generator))) < 1e-11
+
+
+@pytest.mark.slow
+def test_top_on_its_homoclinic_path() -> None:
+    """With p_phi = p_psi = sqrt(3 m g a J1) the top rises for ever: cos(theta) = 1/(1 + sech(gamma t))."""
+    tilt, p = np.pi / 3, np.sqrt(3)
+    slow = p / 1.5
+    top = body((1, 1, 0.5), (0, slow * np.sin(tilt), p / 0.5), lg.turn((1, 0, 0), tilt), R[2, 2])
+    assert abs(top.run(3.0, rtol=1e-14)[R][-1, 2, 2] - 1 / (1 + 1 / np.cosh(3.0))) < 1e-12
 
 
 @pytest.mark.slow
@@ -333,3 +461,37 @@ def test_linear_equations_anywhere_agree_with_the_compiled_model(seed: int) -> N
     )
     place = {R: lg.turn(draw.normal(size=3), 1.1), R.body: tuple(draw.normal(size=3).tolist()), x: 0.4, x.dot: -0.2}
     assert system.linearize(place, inputs=[u]).note.startswith("Away from equilibrium")
+
+
+@pytest.mark.slow
+def test_a_rattleback_is_unstable_in_pitch_one_way_and_in_roll_the_other() -> None:
+    """Its equations are reversible: exponents of the opposite spin have the opposite sign."""
+    scene = lg.scene("rattleback")
+    values = dict(scene.statement.defaults)
+    exponents = [
+        np.linalg.eigvals(np.array(scene.linearize({"z": 0.01, R.body: (0, 0, spin)}).A.subs(values), dtype=float))
+        for spin in (-5.0, 5.0)
+    ]
+    fast, slow = (each[np.argmax(each.real)] for each in exponents)
+    assert abs(fast.imag) > 100 > 40 > abs(slow.imag) > 0 and fast.real > 10 * slow.real > 1e-3
+    assert np.sort(exponents[0].real) == pytest.approx(np.sort(-exponents[1].real), abs=1e-6)
+
+
+@pytest.mark.slow
+def test_linear_equations_of_a_sleeping_top_in_symbols() -> None:
+    """For a spinning top: x'' = ((1 - J3/J1) w^2 + m g a/J1) x + (2 - J3/J1) w y'."""
+    thick = lg.parameters("J3")
+    top = body((m, m, thick), (0, 0, 0), potential=a * R[2, 2], parameters={m: 1.0, a: 1.0, thick: 0.5})
+    matrix = top.linearize({R.body: (0, 0, 3)}).A
+    expected = sympy.Matrix([[9 * (1 - thick / m) + a / m, 0, 0], [0, 9 * (1 - thick / m) + a / m, 0], [0, 0, 0]])
+    assert (matrix[3:, :3] - expected).applyfunc(sympy.simplify).is_zero_matrix
+    assert sympy.simplify(matrix[3, 4] - 3 * (2 - thick / m)) == 0
+
+
+@pytest.mark.slow
+def test_conserved_momenta_of_a_symmetric_top() -> None:
+    top = body((m, m, a), (0.1, 0.2, 3), lg.turn((1, 0, 0), 0.4), g * R[2, 2], parameters={m: 1.0, g: 1.0, a: 0.5})
+    names = [quantity.name for quantity in top.conserved()]
+    assert names == ["energy", "angular momentum z", "angular momentum z of the body"]
+    for name, values in top.run(5.0, rtol=1e-12).invariants.items():
+        assert np.ptp(values) < 1e-9, name

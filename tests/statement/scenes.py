@@ -20,6 +20,9 @@ FIELDS: dict[str, Any] = {
     "run": {"t_end": 10.0},
 }
 
+LEAN: dict[str, Any] = {"coordinates": ["theta"], "kinetic": "theta_dot**2/2"}
+"""The least that a scene may hold."""
+
 DROP = object()
 """As a value: leave the field out."""
 

@@ -1,16 +1,51 @@
-"""Hostile expressions and scenes: refused, and nothing runs."""
+"""Hostile expressions in every field of a scene: refused, and nothing runs."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import pytest
+
+from lagrange.errors import SceneError
+from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.vocabulary.functions import WORDS
 from tests.statement.attacks import ATTACKS, CANARY
+from tests.statement.scenes import DROP, LEAN, write
 
 ROOT = Path(__file__).resolve().parents[2]
+
+FIELDS: dict[str, Callable[[str], dict[str, Any]]] = {
+    "kinetic": lambda text: {"kinetic": text},
+    "potential": lambda text: {"potential": text},
+    "lagrangian": lambda text: {"lagrangian": text, "kinetic": DROP},
+    "forces": lambda text: {"forces": {"theta": text}},
+    "dissipation": lambda text: {"dissipation": text},
+    "constraints": lambda text: {"constraints": [text]},
+    "positions": lambda text: {"positions": {"bob": ["0", text]}},
+    "parameters": lambda text: {"parameters": {"m": text}},
+    "initial": lambda text: {"initial": {"theta": text}},
+    "run": lambda text: {"run": {"t_end": text}},
+}
+
+
+@pytest.mark.few(5)
+@pytest.mark.parametrize("field", FIELDS)
+def test_every_attack_is_refused_in_every_field(field: str, tmp_path: Path, everything: bool) -> None:
+    # One attack in six meets each field, and each attack a field at least, unless all are asked for.
+    first, every = (0, 1) if everything else (list(FIELDS).index(field) % 6, 6)
+    for attack in ATTACKS[first::every]:
+        path = write(tmp_path, LEAN, **FIELDS[field](attack))
+        with pytest.raises(SceneError) as refusal:
+            read_scene(path)
+        assert refusal.value.line and refusal.value.column and refusal.value.file == str(path), attack
+        assert len(str(refusal.value)) < len(str(path)) + 500 and str(refusal.value).isprintable(), attack
+    assert list(tmp_path.iterdir()) == [path]
+
 
 READER = """
 import json, sys

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import pytest
 import sympy
 
@@ -141,3 +143,27 @@ def test_the_positions_have_the_kinetic_energy(name: str, masses: dict[str, str]
     numbers |= dict.fromkeys(plain[0].free_symbols - set(numbers), 0.9)
     first, second = (float(x.subs(numbers)) for x in plain)
     assert first == pytest.approx(second, rel=1e-12)
+
+
+def test_the_pleiades_start_as_published() -> None:
+    statement = loaded("pleiades")
+    x, y = [3, 3, -1, -3, 2, -2, 2], [3, -3, 2, 0, 0, -4, 4]
+    x_dot, y_dot = [0, 0, 0, 0, 0, 1.75, -1.5], [0, 0, 0, -1.25, 1, 0, 0]
+    assert list(statement.initial) == [*x, *y, *x_dot, *y_dot]
+    assert [value(statement, f"m{i}") for i in range(1, 8)] == [1, 2, 3, 4, 5, 6, 7]
+    assert (statement.run.t_end, statement.run.rtol, statement.run.atol) == (3.0, 1e-12, 1e-14)
+
+
+def test_sun_earth_and_moon_are_where_they_were() -> None:
+    statement = loaded("sun-earth-moon")
+    q = np.array(statement.initial[:9]).reshape(3, 3)
+    v = np.array(statement.initial[9:]).reshape(3, 3)
+    astronomical_unit = 149_597_870_700.0
+    earth, moon = q[1] - q[0], q[2] - q[1]
+    assert np.linalg.norm(earth) / astronomical_unit == pytest.approx(0.98332, abs=2e-5)  # two days before perihelion
+    assert np.linalg.norm(moon) == pytest.approx(400.9e6, rel=1e-3)
+    assert np.linalg.norm(v[1] - v[0]) == pytest.approx(30_290, rel=1e-3)
+    phase = math.degrees(math.atan2(moon[1], moon[0]) - math.atan2(-earth[1], -earth[0])) % 360
+    assert phase == pytest.approx(360 - 62.6, abs=0.5)  # new on 6 January at 18 h
+    masses = [value(statement, name) for name in ("ms", "me", "mm")]
+    assert masses == pytest.approx([1.98842e30, 5.97219e24, 7.3458e22], rel=1e-5)
