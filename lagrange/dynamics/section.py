@@ -135,9 +135,9 @@ class EnergyLevel:
     energy: float
 
     def margin(self, states: FloatArray) -> FloatArray:
-        """Return a discriminant (k,) at states (2n, k): positive where the velocity can reach the energy.
+        """Return a discriminant (k,) at states (2n, k): positive where two velocities give `energy`.
 
-        The energy is a v^2 + b v + c in this velocity v, and the discriminant is b^2 - 4 a (c - `energy`).
+        The velocity v in row `row` enters the energy as a v^2 + b v + c. The discriminant is b^2 - 4 a (c - `energy`).
         """
         a, b, c = self._quadratic(states)
         return np.asarray(b * b - 4 * a * (c - self.energy))

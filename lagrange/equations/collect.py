@@ -73,10 +73,9 @@ def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
 
 
 def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
-    """Return a sum of monomials, shortened by merging terms that differ only in powers of the factor `k`.
+    """Return a sum of monomials, shortened by merging terms that differ in powers of one factor and of its symbols.
 
-    This factor is a sum in parentheses, given by its index. Terms that differ also in powers of its symbols are
-    merged too. Terms are merged only if fewer terms result.
+    This factor is a sum in parentheses, with the index `k`. Terms are merged only if fewer terms result.
     """
     inside = algebra.free(k)
     groups: dict[Any, MonomialSum] = {}

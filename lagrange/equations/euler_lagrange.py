@@ -309,7 +309,7 @@ class Equations:
 
     @property
     def state(self) -> dict[str, Sequence[Node]]:
-        """Symbols of the state, by the names of its two parts in programs: q and v."""
+        """Symbols of the coordinates, with the key "q", and of the velocities, with the key "v"."""
         return {"q": self.q, "v": self.v}
 
     @cached_property
@@ -362,7 +362,10 @@ class Equations:
 
 
 def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> Equations:
-    """Return the equations of motion of a statement; `kept` has the indices of the solved constraints, None for all."""
+    """Return the equations of motion of a statement.
+
+    `kept` are the indices of the independent constraints, whose multipliers are unknowns; None for all.
+    """
     graph = Graph()
     q, v, time, parameters = _symbols(graph, statement)
     symbols = (*statement.coordinates, *statement.velocities, t, *statement.parameters)

@@ -288,7 +288,7 @@ class RegularityPoints:
     def reached(self, reach: Reach) -> tuple[list[FloatArray], FloatArray]:
         """Return states (2n,) on the constraints, and the parameters (k,).
 
-        `reach` starts at the initial state and at the random ones.
+        `reach` projects the initial state and the random ones onto the constraints.
         """
         states = np.array([(*point.q, *point.v) for point in (self._initial, *self._random)]).T
         parameters = np.array([*self._initial.parameters.values()])

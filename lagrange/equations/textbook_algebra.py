@@ -492,7 +492,7 @@ def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> Mon
 
 
 def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum with each sine and cosine written in sines and cosines of the smallest parts of its angle."""
+    """Return the sum with sin, cos and tan expanded in sines and cosines of the angles that `_units` returns."""
     present = dict.fromkeys(k for monomial in terms for k, _ in monomial)
     angles = [k for k in present if isinstance(algebra.factors[k], (sympy.sin, sympy.cos, sympy.tan))]
     units = _units([algebra.factors[k].args[0] for k in angles])

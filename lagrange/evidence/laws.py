@@ -1,4 +1,7 @@
-"""Momenta, forces, mass matrix, equations of motion and constraints by numerical differentiation of what was stated."""
+"""Scheme of numerical differentiation of stated energies: momenta, forces, mass matrix, equations and constraints.
+
+The difference steps are chosen in `reference` and `quick`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference value of every compiled quantity at one point, and the size to which its error is relative.
+"""Reference value of each compiled quantity at one point, its difference step, and the size that errors refer to.
 
 The size is measured. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), and the equations
 are differenced again. The change of an entry, divided by 1e-20, is its *size*: about the sum of the magnitudes of its

@@ -279,7 +279,7 @@ def relative_error(off: Any, size: Any, uncertainty: Any) -> Any:
 def entry_labels(name: str, statement: Statement, columns: Columns) -> list[str]:
     """Return the names of the entries of the quantity `name`, in the order of the array from `computed`.
 
-    `columns` are the indices of the columns of the Jacobian that are compared, or a direction.
+    `columns` are the indices of the compared columns of the Jacobian, or the direction along which it is compared.
     """
     names, constraints = statement.names, [constraint.name for constraint in statement.constraints]
     velocities = [f"{a}_dot" for a in names]

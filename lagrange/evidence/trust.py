@@ -79,8 +79,8 @@ def reference_solution(
     states = states[:, None] if states.ndim == 1 else states
     if states.shape != (len(problem.y0), len(times)) or not np.isfinite(states).all():
         raise StatementError(
-            f"reference has shape {np.shape(reference)}: give the state at the end, ({len(problem.y0)},), or the "
-            f"states at the {len(times)} times of the race, one column each, all of them finite; or a method."
+            f"reference has shape {np.shape(reference)}: give finite states of shape ({len(problem.y0)}, "
+            f"{len(times)}), one column for each time of the race, or a method."
         )
     bound = float((np.abs(np.spacing(states)) / 2 / unit[:, None]).max())
     return ReferenceSolution(tuple(times), tuple(map(tuple, states.T.tolist())), bound, "the states given as reference")

@@ -274,9 +274,9 @@ class StraightLinePrinter:
 def with_outputs(
     program: Program, code: tuple[Instruction, ...], outputs: tuple[int, ...], hoisted: int = 0
 ) -> Program:
-    """Return a program with other instructions and outputs.
+    """Return a copy of a program with the instructions `code` and the results `outputs`.
 
-    Its first `hoisted` instructions depend on parameters alone.
+    The first `hoisted` of these instructions depend only on parameters.
     """
     return replace(
         program,

@@ -336,7 +336,7 @@ class CompiledJet:
 
 
 def layout_of(packing: Packing, order: int) -> TaylorLayout:
-    """Return the layout in memory of a series at one order. Order 0 means code with loops for every order.
+    """Return the layout in memory of a series of one order. Order 0 stands for code that loops over orders.
 
     `packing` says how values with the same rule are joined to vectors.
     """

@@ -188,10 +188,10 @@ class Model:
         return self.square_roots_in((*self.equations.momenta, *self.equations.forces))
 
     def square_roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
-        """Return the square roots in `nodes`: for the node of each root, a power of its radicand, as a node.
+        """Return {square root of the base: power} for the fractional powers in `nodes`. Keys and values are nodes.
 
-        A power with a fractional exponent counts as a square root of its base. A Taylor series is valid up to a zero
-        of the radicand, and its coefficients do not show this zero: sqrt(x**2) continues as x. A root in a branch
+        A Taylor series is valid up to a zero of the base, and its coefficients do not show this zero: sqrt(x**2)
+        continues as x. A root in a branch
         that is not taken counts as 1. Powers of positions with exponents up to -1, as in gravity, are left out: there
         the forces are infinite, and steps become short.
         """

@@ -241,7 +241,7 @@ def stated_point(
     rotating = (values[velocity_of(q)] != 0 for q in statement.coordinates if rotation_name(q) is not None)
     if not turning and any(rotating):
         raise StatementError(
-            "the argument at sets angular velocities of a rotation, but modes and equilibria are those of a body at "
+            "at={...} sets angular velocities of a rotation, but modes and equilibria are those of a body at "
             "rest: leave these velocities out, or call linearize(at) for the linear equations about the spinning body."
         )
     statement = statement if turning else with_lengths(statement)

@@ -1,4 +1,4 @@
-"""Linear equations of small changes of a motion about a point.
+"""Algebra of linearization: M, C, K in independent coordinates, with constraints, turns of bodies and inputs.
 
 With constraints the equations are expanded in independent coordinates and velocities. The residual is r(q, v, a) - G^T
 lambda, the velocity constraints are psi(q, v) = 0 (a holonomic one differentiated), G = dpsi/dv and P = dpsi/dq.

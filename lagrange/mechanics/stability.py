@@ -374,9 +374,7 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
     label = parameter_name(parameter, by_name)
     chosen = real_array(values, "values")
     if chosen.ndim != 1 or not 0 < len(chosen) <= MOST_VALUES:
-        raise StatementError(
-            f"values has shape {chosen.shape}: give a list of values of {label}, at least 1 and at most {MOST_VALUES}."
-        )
+        raise StatementError(f"values has shape {chosen.shape}: give a list of 1 to {MOST_VALUES} values of {label}.")
     point = stated_point(statement, at)
     point.check_corners()
     n = len(statement.coordinates)
@@ -406,8 +404,8 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
         equilibria[k] = state[model.layout.q]
     if np.isnan(equilibria).all():
         raise StatementError(
-            f"no equilibrium was found at any of the {len(chosen)} values of {label}: give one at the first value, as "
-            "at={...}, or an expression in the parameters."
+            f"no equilibrium was found at any of the {len(chosen)} values of {label}: give at={{...}}, a guess "
+            "for the first value or expressions in the parameters."
         )
     return EigenvaluePath(by_name[label], chosen, rows, equilibria)
 

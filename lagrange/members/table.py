@@ -262,8 +262,8 @@ class MemberTable:
 def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
     """Return the table of an ensemble's members from the arguments `initial` and `parameters` of the user.
 
-    Each may be a dict from key to number or array, or a grid or a sample, which may have keys of both kinds. Raises
-    StatementError for arrays of different lengths and for unknown names.
+    Each may be a dict from key to number or array, a grid, or a sample. A grid or sample may have initial values and
+    parameters together. Raises StatementError for arrays of different lengths and for unknown names.
     """
     statement = model.statement
     sources: list[Varied] = []

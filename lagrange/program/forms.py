@@ -1,4 +1,4 @@
-"""The forms in which the equations of motion enter a series, as sums of terms.
+"""Momentum form and d'Alembert's form of the equations of motion in a series, as sums of terms.
 
 The momentum form is dp/dt = f. In d'Alembert's form each term C Y of p, with C free of velocities, is differentiated
 by parts: C dY/dt = f - Y dC/dt. If the Lagrangian is a sum of squares of velocities of points, Y dC/dt cancels against

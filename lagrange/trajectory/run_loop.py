@@ -407,7 +407,7 @@ class _Run:
             return told(t, y, detail=cause or unsolved(state.reals[DriverState.RESIDUAL]))
         if status is not Status.NON_FINITE or cause:
             return told(t, y, cause=cause)
-        # The equations may have no value only some steps ahead.
+        # The first point without a value may lie several steps ahead.
         slope, h = self.slope_ahead(), float(state.reals[DriverState.STEP] or state.reals[DriverState.H] / AFTER_BROKEN)
         for reach in (1, 2, 4, 8):
             if np.isfinite(slope).all():

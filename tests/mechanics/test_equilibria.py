@@ -228,8 +228,8 @@ def test_each_column_follows_one_eigenvalue_through_crossings() -> None:
     ("parameter", "values", "at", "words"),
     [
         ("v", [1.0], None, "'v' is not a parameter of this system; its parameters are "),
-        (w, 1.0, None, "values has shape (): give a list of values of w, at least 1 and at most 10000."),
-        (w, [1.0, 2.0], {theta: acos(g / (R * w**2))}, "no equilibrium was found at any of the 2 values of w: give on"),
+        (w, 1.0, None, "values has shape (): give a list of 1 to 10000 values of w."),
+        (w, [1.0, 2.0], {theta: acos(g / (R * w**2))}, "no equilibrium was found at any of the 2 values of w: give at"),
     ],
 )
 def test_paths_that_are_none(parameter: Any, values: Any, at: Any, words: str) -> None:

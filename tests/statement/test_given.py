@@ -61,7 +61,7 @@ def test_a_given_motion_stays_open_in_a_derivation() -> None:
     assert r"\ddot{X}" in driven.derivation().latex()
     assert any("energy is not conserved: the Lagrangian depends on time" in item for item in driven.structure)
     for call in (lambda: driven.run(1.0), driven.check):
-        assert refusal(call).startswith("X is a given function of time without values, which numbers need: state")
+        assert refusal(call).startswith("X is a given function of time, and has no values to compute with: state")
 
 
 def test_a_function_of_coordinates_stays_open_in_a_derivation() -> None:

@@ -177,7 +177,7 @@ class PolynomialBlock:
 
     @property
     def total(self) -> int:
-        """Number of doubles of a vector of the block: entries times columns."""
+        """Number of doubles in one vector of the block: `dimension` times `columns`."""
         return self.dimension * self.columns
 
     @inline

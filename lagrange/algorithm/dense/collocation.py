@@ -54,7 +54,7 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
     for i in range(1, s + 1):
         other_nodes = np.delete(nodes, i)
         basis.append(Polynomial.fromroots(other_nodes) / np.prod(nodes[i] - other_nodes))
-    # The integral over the step is zero, because Radau's formula integrates polynomials of higher degree exactly.
+    # `zero` integrates to 0 over the step: Radau's formula is exact for it, and reads only its zeros.
     rates = np.array([polynomial.deriv().coef for polynomial in basis])
     parts = [points, np.array(A), np.linalg.inv(np.array(A)), rates, zero.coef]
     powers = np.zeros((s + 2, s + 1))

@@ -1,4 +1,4 @@
-"""Polynomials on [0, 1]: values, derivatives, points at which they change sign, and scaling of coefficients.
+"""Polynomials on [0, 1]: values, derivatives, zeros by Newton's method and bisection, scaling.
 
 Coefficients of an event function are in units of the step, and are scaled against overflow.
 """

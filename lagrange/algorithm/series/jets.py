@@ -593,5 +593,5 @@ class ByOrderJet(JetBuilder):
         return self.reciprocals[operand]
 
     def total(self, chunk: Chunk, number: int) -> Term:
-        """Return one sum that the rule of a chunk reads: sum number `number`, of x[j] y[k-j] over 0 < j < k."""
+        """Return a sum of x[j] y[k-j] over 0 < j < k: number `number` of those that the rule of a chunk reads."""
         return self.sums[chunk.sums[number]]

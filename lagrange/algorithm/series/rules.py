@@ -473,7 +473,7 @@ class SumsAtUse(OrderSums):
 
 
 class _Tiles(dict[Pair, Term]):
-    """The sums at one order by pair of factors. A missing sum is added with its tile."""
+    """The sums at one order, by pair of factors. The code of a sum and of its tile is added at the first lookup."""
 
     def __init__(self, sums: SumsAtUse, k: Whole) -> None:
         super().__init__()

@@ -232,9 +232,9 @@ def discard_history(arguments: Running, layout: Layout) -> None:
 
 @inline
 def kept_entries(arguments: Running, layout: Layout) -> Out | None:
-    """Return a local array for the entries of the old and the new state, with the old ones; or None.
+    """Return a local array for the entries of the old and the new state, filled with the old ones.
 
-    It is None if the layout does not keep the state in registers.
+    Return None if the layout does not keep the state in registers.
     """
     if not layout.keeps_entries:
         return None

@@ -358,7 +358,7 @@ def iteration(arguments: Arguments, last: bool, digits: float, *, layout: Taylor
         return Outcome.SINGULAR
     begins = (counts.steps == 0 or taylor.rescalings != 0) and counts.surveyed == 0
     if unlikely(begins and run.share > 0.0):
-        # Floors of entries that are zero, at the start and after a change of the time scale, until sizes are known.
+        # At the start and after a change of the time scale, floors of entries that are zero follow from the series.
         is_blind = first_floors(run.share, arguments.floors, work, order, layout=layout)
         if is_blind and may_ask(run, counts):
             if counts.steps == 0:

@@ -212,7 +212,7 @@ class CNames:
     ) -> list[str]:
         """Return the lines of the head of a function: `before`, its type, its name and its parameters called `names`.
 
-        With `qualified` pointers are "restrict".
+        Pointers are "restrict" if `qualified`.
         """
         declarations = [
             self.type_of(parameter.type, name, qualified=qualified)

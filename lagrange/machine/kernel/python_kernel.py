@@ -182,7 +182,7 @@ class PythonKernel:
         return self(times, np.ascontiguousarray(states), parameters).reshape(-1, len(times))
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return calls for one state that check their own arguments. None if the parameters need the interpreter."""
+        """Return fast functions of one state, which check their arguments; None if results must be interpreted."""
         key, known = parameters.tobytes(), self._quick
         if known is None or known[0] != key:
             known = self._quick = key, self._calls_of(parameters)

@@ -20,7 +20,7 @@ UNROLLED_VECTORS = 2
 
 @dataclass(frozen=True)
 class IterationBlock:
-    """Iterations of an `each` that are printed as one vector: those from `offset` on for which `mask` is true."""
+    """Iterations of an `each` loop that are printed as one vector: from `offset` on, where `mask` is true."""
 
     each: form.Each
     lanes: int

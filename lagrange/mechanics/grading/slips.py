@@ -168,7 +168,7 @@ def _factors(parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
 
 
 def _multiples(coordinates: Sequence[tuple[Any, ...]]) -> Iterator[Slip]:
-    """Yield the slips of a factor 2 or 1/2 of each coordinate, listed as (coordinate, velocity, acceleration)."""
+    """Yield slips of a factor 2 or 1/2 in each coordinate. `coordinates` are (coordinate, velocity, acceleration)."""
     for factor, text in FACTORS.items():
         for q, v, a in coordinates:
             yield f"All is right for {text}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}

@@ -1,4 +1,4 @@
-"""Equations of motion that a user derived: they are read in the symbols of a statement and split into coefficients."""
+"""A user's equations of motion: read, split into coefficients, and tested whether they hold at a state."""
 
 from __future__ import annotations
 
@@ -326,10 +326,10 @@ on doubles. A wrong term passes only if it is smaller than this at every state."
 
 @dataclass(frozen=True, eq=False)
 class EquationRow:
-    """A typed equation split into coefficients: zero = rest + sum of slopes[z] * z over the unknowns z.
+    """A typed equation split into coefficients: left minus right side = rest + sum of slopes[z] * z.
 
-    The unknowns are accelerations and multipliers. `zero` is left minus right side; the rates of rotations and the
-    definitions of the answer are written out in it.
+    The unknowns z are accelerations and multipliers. `zero` is left minus right side, with the rates of rotations and
+    the definitions of the answer written out.
     """
 
     statement: Statement

@@ -27,7 +27,7 @@ class Carried(NamedTuple):
 
 
 def carried(body: Sequence[ast.stmt]) -> Mapping[ast.stmt, Carried]:
-    """Return the carried names of each branch and loop of a function."""
+    """Return for each branch and loop of a function the names that it sets and that are read later."""
     if not any(isinstance(statement, (ast.If, ast.For, ast.While)) for statement in body):
         return {}
     kept = frozenset(name for statement in body for name in mentions(statement).later)
@@ -114,9 +114,10 @@ def stored(nodes: Iterable[ast.AST]) -> list[str]:
 
 
 class _Walk:
-    """Backward walk over a function, from its end. `kept` are names that inner functions may read at any time.
+    """Live-variable analysis of a function, backwards from its end.
 
-    `carried` receives the carried names of each branch and loop.
+    `kept` are names that inner functions may read at any time. The names that each branch or loop sets for later are
+    written to `carried`.
     """
 
     def __init__(self, kept: Names, carried: dict[ast.stmt, Carried]) -> None:

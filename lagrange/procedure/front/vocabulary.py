@@ -143,7 +143,7 @@ def mantissa(x: float) -> float:
 def reals(size: int, *, room: int = 1) -> Writable[float]:
     """Return a local array of `size` reals with undefined values, NaN in Python.
 
-    Machine code may access blocks of `room` values as a whole, also beyond the last of the `size` values.
+    Another `room` - 1 values follow, because machine code may access `room` values at once.
     """
     made: Any = np.full(size + room - 1, math.nan)
     array: Writable[float] = made
@@ -153,7 +153,7 @@ def reals(size: int, *, room: int = 1) -> Writable[float]:
 def wholes(size: int, *, room: int = 1) -> Writable[int]:
     """Return a local array of `size` whole numbers with undefined values, 0 in Python.
 
-    Machine code may access blocks of `room` values as a whole, also beyond the last of the `size` values.
+    Another `room` - 1 values follow, because machine code may access `room` values at once.
     """
     made: Any = np.zeros(size + room - 1, dtype=np.int64)
     array: Writable[int] = made

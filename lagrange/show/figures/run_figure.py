@@ -345,7 +345,7 @@ def plot(
     if not items:
         raise StatementError("what = [] contains no quantity to plot: give a name, an expression, or a list of them.")
     if len(items) > MOST_QUANTITIES:
-        raise StatementError(f"what lists {len(items)} quantities: one figure shows at most {MOST_QUANTITIES}.")
+        raise StatementError(f"what = [...] has {len(items)} quantities: one figure shows at most {MOST_QUANTITIES}.")
     panels = [panel for item in items for panel in (contents.overview() if item is None else contents.of(item))]
     if ax is not None:
         if size is not None:

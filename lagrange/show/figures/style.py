@@ -1,4 +1,4 @@
-"""The look of figures: new figures, colours, line styles, numbers at ticks, and ticks of angles at multiples of pi."""
+"""The look of figures: colours, dashes, numbers at ticks, angles as multiples of pi; line widths are at the curves."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Output in notebooks: pages of systems and results, tables with pictures, progress, and sliders."""
+"""Output in notebooks: pages of systems, derivations and results, and tables with pictures."""

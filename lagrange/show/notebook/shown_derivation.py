@@ -1,4 +1,4 @@
-"""A derivation that prints itself in every format, and that a notebook shows with rendered formulas."""
+"""The page of a system in a notebook, and a derivation that prints itself in every format."""
 
 from __future__ import annotations
 

@@ -200,9 +200,9 @@ def require_values(statement: Statement, remedy: str = "") -> None:
     """
     names = [name_of(function) for function in open_functions(statement)]
     if names:
-        is_open = "is a given function" if len(names) == 1 else "are given functions"
+        is_open = "is a given function of time, and has" if len(names) == 1 else "are given functions of time, and have"
         raise StatementError(
-            f"{listing(names)} {is_open} of time without values, which numbers need: {remedy.format(names[0])}"
+            f"{listing(names)} {is_open} no values to compute with: {remedy.format(names[0])}"
             f"state lg.given({names[0]!r}, expression in lg.t) or lg.given({names[0]!r}, (times, values)), or put one "
             f"in with system.substitute({{{names[0]!r}: ...}})."
         )

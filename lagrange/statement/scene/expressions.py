@@ -125,7 +125,7 @@ class Reader:
     """Recursive-descent parser of one text. Each part is built and checked as soon as its own parts are.
 
     SymPy evaluates the parts. The value of a constant is computed as a double, too. `names` maps identifiers to SymPy
-    objects, and `constants` some of them to doubles. `calls` are the names of calls other than functions of `WORDS`.
+    objects, and `constants` some of them to doubles. `calls` are names that may be called beside those of `WORDS`.
     `constant` is true if the text must be a number, which changes the remedy for an unknown name.
     """
 

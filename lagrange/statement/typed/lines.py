@@ -48,13 +48,13 @@ OPEN, CLOSE = f"([{{{MATRIX}", f")]}}{MATRIX_END}"
 def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str, list[tuple[int, int]]]:
     """Return a text of the same length with blanks for all but formulas, and the spans (begin, end) of its equations.
 
-    `is_coordinate` returns True for the name of a coordinate, which may be a label: (r) m*r'' = 0.
+    `is_coordinate` returns True for the name of a coordinate, which may be a label, as in (r) m*r'' = 0.
 
     Comments, labels, LaTeX environments and punctuation at the ends of lines are blanked out. A line continues if it
-    ends with an operator, if the next line begins with one, or if a bracket is open. A line that begins with a sign is
-    a new equation if both it and the line before have a sign of equality. It is also a new equation at the begin of an
-    environment, after a label, and if its indentation is that of an equation whose further lines are indented more.
-    Raises StatementError for a matrix that is not read.
+    ends with an operator, if the next line begins with one, or if a bracket is open. A line that begins with an
+    operator continues the equation before it, unless both contain "=". After an equation with "=" a line is also a new
+    equation at the start of an environment, after a label, or at the indentation of an equation whose further lines are
+    indented more. Raises StatementError for a matrix in a notation that is not supported.
     """
     framed = _unframed(respelled(text))
     if _MATRIX.search(framed):

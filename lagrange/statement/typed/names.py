@@ -50,9 +50,9 @@ class Piece:
 class Names:
     """The symbols of one system, by all accepted spellings.
 
-    A strict name is that of scene files, and `names` are all of them; for a coordinate or given function X they
-    include X_dot. `others` maps other spellings of a multiplier or of a rate of a rotation to its strict name.
-    `defined` are the names that the answer defines.
+    `names` are the strict names, those of scene files; for a coordinate or given function X they include X_dot.
+    `others` maps other spellings of a multiplier or of a rate of a rotation to its strict name. `defined` are the names
+    that the answer defines.
     """
 
     def __init__(self, names: Iterable[str], others: Mapping[str, str], defined: Collection[str] = ()) -> None:

@@ -38,7 +38,7 @@ class CheckedPart:
 
 
 def in_short(term: Any, plain: Mapping[Any, Any]) -> str:
-    """Return a term as text for messages, in plain symbols, with tables by name, cut to 80 characters."""
+    """Return a term as text for messages, at most 80 characters, in plain symbols, with tables as table(t)."""
     named_tables = term.replace(
         lambda node: table_range(node) is not None, lambda node: sympy.Function("table")(node.args[0].cond.args[0].lhs)
     )

@@ -176,7 +176,7 @@ def violation(
     at_turn = np.abs(rates.values) <= LARGEST_VIOLATION * (np.abs(rates.gradient) @ fastest)
     if positions.largest <= LARGEST_VIOLATION and at_turn.all():
         return ""
-    # In a structure that cannot move, velocities are rounding: during `duration` they move no coordinate noticeably.
+    # Velocities of a structure that cannot move are rounding errors: in `duration` no coordinate moves noticeably.
     sizes = np.abs(rates.gradient) @ (np.abs(units * q).max(initial=0.0) / units)
     if positions.largest <= ON_SURFACE and (np.abs(rates.values) * duration <= ON_SURFACE * sizes).all():
         return ""

@@ -118,7 +118,7 @@ class Discontinuities:
         )
         with np.errstate(all="ignore"):
             over, beside = after.change(near), np.maximum(near.change(before), far.change(after))
-            # Rows: the constraints phi, then psi with their gradients G. One column for each step.
+            # Rows: the constraints phi, then psi with rows of G. Columns: crossings of surfaces.
             jumping = over > CONTINUOUS * beside + CHANGE_NOISE
         # The velocity of a coordinate without inertia jumps with a force in its equation, and the motion goes on.
         jumping[len(jumping) - self.residuals.settled :] = False

@@ -171,7 +171,7 @@ class SeriesWatch(EventLog):
             sides = [self.zero_sides[i].sign for i in events]
             values = np.concatenate([self.parameters, stated_sides(self.series.program, end, y, self.parameters)])
             ends = np.sign(self.series.rows(self.order, end, y, signed_scale(state), values)[0, len(y) :][events])
-            # A zero at the start of the motion is not an event, but a zero with a reset must not be passed.
+            # No event may be passed: signs stay, or become 0. From 0 any sign is right unless the event has a reset.
             if all(
                 b in (0, a) or (a == 0 and not self.events[i - self.surfaces].reset)
                 for i, a, b in zip(events, sides, ends, strict=True)

@@ -166,7 +166,7 @@ class _CvodeStepper:
         if not self.reached and not self.s - self.begin > LAST_STEP_SPACINGS * float(np.spacing(abs(self.begin))):
             return self.law.recent_fault() or Fault(Status.STEP_TOO_SMALL, t, y)
         if not first:
-            # Before its first step CVODE evaluates the law to choose a length. These evaluations are not trials.
+            # Before its first step CVODE evaluates the right-hand side to choose a step size. These are no trial steps.
             self.rejected = len(set(self.trials) - {self.begin}) - 1
         return None
 

@@ -355,9 +355,10 @@ def _check_recorded(name: str, function: Callable[..., Any], trials: Sequence[_T
 def _check_short(name: str, tried: _Tried, t: Fraction) -> None:
     """Raise StatementError if a step function does not tend to y + h f(t, y) for short steps.
 
-    `tried` is its trial call at time t with a very short step h. The new state must hold y once and slopes
-    whose coefficients add up to h; slopes must be taken at y plus slopes, and near time t. This test is for
-    functions that are not Runge-Kutta steps. `name` is the name of the method in messages.
+    `tried` is its trial call at time t with a very short step h. In the new state, and in the argument of each slope, y
+    must have the coefficient 1. The coefficients of slopes in the new state must add up to h, and slopes must be taken
+    near time t. This test is for functions that are not Runge-Kutta steps. `name` is the name of the method in
+    messages.
     """
     _check_whole(name, "the new state holds", tried.results[0])
     slopes = sum(float(c) for i, c in tried.results[0].items() if i) / float(SHORT_STEP)
