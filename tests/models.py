@@ -194,6 +194,7 @@ def henon_heiles() -> Statement:
     return stated(
         kinetic=(x.dot**2 + y.dot**2) / 2,
         potential=(x**2 + y**2) / 2 + x**2 * y - y**3 / 3,
+        coordinates=[x, y],
         initial={x: 0.1, y: 0.2, x.dot: 0.3, y.dot: -0.1},
         name="Henon-Heiles",
     )
@@ -203,6 +204,7 @@ def kepler() -> Statement:
     return stated(
         kinetic=m * (x.dot**2 + y.dot**2) / 2,
         potential=-k * m / sqrt(x**2 + y**2),
+        coordinates=[x, y],
         parameters={k: 1.0},
         initial={x: 1.0, y.dot: 1.2},
         name="Kepler orbit",

@@ -42,7 +42,9 @@ TYPED: dict[str, Callable[[], lg.System]] = {
         dissipation=c * x.dot**2 / 2,
     ),
     "morse": lambda: lg.System(half * m * r.dot**2, D * (1 - sp.exp(-a * r)) ** 2),
-    "orbit": lambda: lg.System(half * (m + M) * r.dot**2 + half * m * r**2 * phi.dot**2, M * g * r),
+    "orbit": lambda: lg.System(
+        half * (m + M) * r.dot**2 + half * m * r**2 * phi.dot**2, M * g * r, coordinates=[r, phi]
+    ),
     "slope": lambda: lg.System(
         half * (M + m) * X.dot**2 + half * m * s.dot**2 + m * X.dot * s.dot * cos(a), -m * g * s * sin(a)
     ),
@@ -64,13 +66,17 @@ TYPED: dict[str, Callable[[], lg.System]] = {
     "damped": lambda: lg.System(*bob, dissipation=b * theta.dot**2 / 2),
     "cartesian": lambda: lg.System(plane, m * g * y, constraints={"rod": x**2 + y**2 - l**2}),
     "coupledpend": lambda: lg.System(half * m * l**2 * (th1.dot**2 + th2.dot**2), twin),
-    "cone": lambda: lg.System(half * m * (r.dot**2 / sin(alpha) ** 2 + r**2 * phi.dot**2), m * g * r / sp.tan(alpha)),
+    "cone": lambda: lg.System(
+        half * m * (r.dot**2 / sin(alpha) ** 2 + r**2 * phi.dot**2), m * g * r / sp.tan(alpha), coordinates=[r, phi]
+    ),
     "parabola": lambda: lg.System(K(m, (x, beta * x**2)), m * g * beta * x**2),
     "top": lambda: lg.System(rotor, m * g * l * cos(theta)),
     "wedge": lambda: lg.System(K(M, (x, 0)) + K(m, (x + s * cos(alpha), -s * sin(alpha))), -m * g * s * sin(alpha)),
     "pivot": lambda: lg.System(K(m, swaying), -m * g * l * cos(theta)),
     "double_pendulum": lambda: lg.System(K(m1, inner) + K(m2, outer), g * (m1 * inner[1] + m2 * outer[1])),
-    "table": lambda: lg.System(half * m1 * (r.dot**2 + r**2 * phi.dot**2) + half * m2 * r.dot**2, m2 * g * r),
+    "table": lambda: lg.System(
+        half * m1 * (r.dot**2 + r**2 * phi.dot**2) + half * m2 * r.dot**2, m2 * g * r, coordinates=[r, phi]
+    ),
     "foucault": lambda: lg.System(plane + m * Omega * (x * y.dot - y * x.dot), m * g * (x**2 + y**2) / (2 * l)),
     "duffing": lambda: lg.System(
         half * m * x.dot**2, k * x**2 / 2 + beta * x**4 / 4, forces={x: F * cos(omega * lg.t) - c * x.dot}

@@ -38,9 +38,11 @@ def run(which: Any = slice(None), **options: Any) -> Columns:
     """Return the results of some members."""
     starts = {"x": VALUES[which], "y": 0.3 * VALUES[::-1][which]}
     x, y = model().statement.coordinates
-    keep: tuple[Any, ...] = ("end", "counts", "drift", ("max", x), ("min", x**2 - y), ("mean", y))
-    if options.pop("watched", False):
-        keep, options["events"] = (*keep, ("events", 3)), [lg.event(x, terminal=2), y]
+    keep: tuple[Any, ...] = ("end", "drift", ("max", x), ("min", x**2 - y), ("mean", y))
+    # Members with events may leave their lanes, where evaluations are counted in another way.
+    if watched := options.pop("watched", False):
+        options["events"] = [lg.event(x, terminal=2), y]
+    keep = (*keep, ("events", 3) if watched else "counts")
     runs = lg.ensemble(model(), 15.0, starts, keep=keep, t_eval=[1.0, 7.5, 15.0], **options)
     return {column.name: runs.results.column(column.name) for column in runs.columns}
 
