@@ -329,4 +329,4 @@ def test_a_quotation_is_a_message(quoted: str) -> None:
 
 def test_other_words_are_no_message() -> None:
     assert not is_message("leaves accelerations closed there")
-    assert not is_message("is a given function of space without values")
+    assert not is_message("is a given function of space that lacks all numbers")

@@ -362,10 +362,7 @@ class Equations:
 
 
 def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> Equations:
-    """Return the equations of motion of a statement.
-
-    `kept` are the indices of the independent constraints, whose multipliers are unknowns; None for all.
-    """
+    """Return the equations of motion; `kept` are the indices of the independent constraints, None for all."""
     graph = Graph()
     q, v, time, parameters = _symbols(graph, statement)
     symbols = (*statement.coordinates, *statement.velocities, t, *statement.parameters)

@@ -67,7 +67,7 @@ def test_without_a_value_and_in_a_run_an_open_function_is_named() -> None:
         system.check,
         system.conserved,
     ):
-        with pytest.raises(lg.StatementError, match="X and u are given functions of time without values"):
+        with pytest.raises(lg.StatementError, match="X and u are given functions of time, and have no values"):
             run()
 
 
