@@ -187,9 +187,10 @@ class LlvmSeries(Shared):
     def __init__(self, program: SeriesProgram) -> None:
         self.program = program
         self._packing = pack(program, lanes())
+        widest = self._packing if lanes() == WIDEST_VECTOR else pack(program, WIDEST_VECTOR)
         self._compiled: dict[int, CompiledJet] = {}
         self._is_large = cache(partial(is_large, self._packing))
-        self._order = cache(partial(cheapest_order, program))
+        self._order = cache(partial(cheapest_order, widest))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return LlvmSeries, (self.program,)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial, block_size
 from lagrange.algorithm.dense.polynomials import series_polynomial
-from lagrange.algorithm.series.packing import cheapest_order
+from lagrange.algorithm.series.packing import cheapest_order, pack
 from lagrange.algorithm.step.error_control import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.algorithm.taylor.loop import taylor_steps
@@ -420,7 +420,7 @@ class NumpySeries(Shared):
     def __init__(self, program: SeriesProgram) -> None:
         self.program = program
         self._prepared: tuple[bytes, Jet] | None = None
-        self._order = cache(partial(cheapest_order, program))
+        self._order = cache(partial(cheapest_order, pack(program, WIDEST_VECTOR)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return NumpySeries, (self.program,)

@@ -129,7 +129,7 @@ class TaylorProcedures:
 
     def order(self, rtol: float) -> int:
         """Return the order of the series for a relative tolerance."""
-        return cheapest_order(self.program, rtol)
+        return cheapest_order(self.packing, rtol)
 
     @property
     def highest(self) -> int:

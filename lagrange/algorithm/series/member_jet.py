@@ -40,10 +40,7 @@ class MemberJet(ByOrderJet):
         self.stored_width = len(self.places)
         self.stored = self.p.reserve((self.highest + 1) * self.stored_width, name="stored")
         packing = self.packing
-        parts = (part for stage in packing.stages for part in (stage.trial, stage.found))
-        pairs = [
-            pair for part in (packing.before, *parts) for chunk in depth_first(packing, part) for pair in chunk.sums
-        ]
+        pairs = [pair for part in packing.parts for chunk in depth_first(packing, part) for pair in chunk.sums]
         return SumsAtUse(self.p, pairs, self.places, self.stored, self.stored_width, self.tile)
 
     def fill(self, chunks: Sequence[Chunk]) -> None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 from lagrange.algorithm.constants import WIDEST_VECTOR, whole_blocks
@@ -140,15 +140,27 @@ class Packing:
     @cached_property
     def computed(self) -> tuple[Chunk, ...]:
         """All chunks (vectors of values) that a rule computes, each once, in the order of evaluation."""
-        parts = (part for stage in self.stages for part in (stage.trial, stage.found))
-        return tuple(dict.fromkeys(chunk for part in (self.before, *parts) for chunk in part))
+        return tuple(dict.fromkeys(chunk for part in self.parts for chunk in part))
+
+    @property
+    def parts(self) -> tuple[tuple[Chunk, ...], ...]:
+        """The chunks that rules compute before the linear systems, then for each system before and after it."""
+        return (self.before, *(part for stage in self.stages for part in (stage.trial, stage.found)))
+
+    @cached_property
+    def families(self) -> dict[Operand, int]:
+        """The number of the family of each factor: factors of one sum, or of sums that share factors."""
+        families: list[set[Operand]] = []
+        for pair in (pair for chunk in self.computed for pair in chunk.sums):
+            joined = set(pair).union(*(family for family in families if not family.isdisjoint(pair)))
+            families = [*(family for family in families if family.isdisjoint(pair)), joined]
+        return {factor: number for number, family in enumerate(families) for factor in family}
 
 
 ZERO_LANE = -1
 """Entry of an operand in a lane that is zero."""
 
 
-@lru_cache(maxsize=64)
 def pack(program: SeriesProgram, lanes: int) -> Packing:
     """Return a series program packed into vectors of up to `lanes` values that are computed by one rule."""
     packer = _Packer(program, lanes)
@@ -182,7 +194,7 @@ def depth_first(packing: Packing, chunks: Sequence[Chunk]) -> tuple[Chunk, ...]:
     Chunks whose sums share factors, directly or through other sums, are adjacent. Each chunk comes after those
     that its rule reads.
     """
-    families = _families(packing)
+    families = packing.families
     unvisited = sorted(chunks, key=lambda chunk: families.get(chunk.sums[0][0], 0) if chunk.sums else len(families))
     ordered, inside, unvisited = dict[Chunk, None](), set(chunks), unvisited[::-1]
     while unvisited:
@@ -194,15 +206,6 @@ def depth_first(packing: Packing, chunks: Sequence[Chunk]) -> tuple[Chunk, ...]:
         else:
             ordered[unvisited.pop()] = None
     return tuple(ordered)
-
-
-def _families(packing: Packing) -> dict[Operand, int]:
-    """Return the number of the family of each factor: factors of one sum, or of sums that share factors."""
-    families: list[set[Operand]] = []
-    for pair in (pair for chunk in packing.computed for pair in chunk.sums):
-        joined = set(pair).union(*(family for family in families if not family.isdisjoint(pair)))
-        families = [*(family for family in families if family.isdisjoint(pair)), joined]
-    return {factor: number for number, family in enumerate(families) for factor in family}
 
 
 def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:
@@ -399,18 +402,17 @@ order 20, in the same time.
 """
 
 
-def cheapest_order(program: SeriesProgram, tolerance: float) -> int:
+def cheapest_order(widest: Packing, tolerance: float) -> int:
     """Return the order of a series with about the lowest cost for a relative tolerance.
 
     The cost is that of code without loops, or of loops if the series is large. Below a tolerance of
-    `ROUNDING_TOLERANCE` the order is bounded, except for the smallest systems. Every machine and every processor
-    chooses the order for the widest vectors: then a run takes the same steps everywhere.
+    `ROUNDING_TOLERANCE` the order is bounded, except for the smallest systems. `widest` is the series packed into
+    vectors of `WIDEST_VECTOR` values on every machine and processor: then a run takes the same steps everywhere.
     """
-    packing = pack(program, WIDEST_VECTOR)
-    order = best_order(jet_cost(packing, looped=False), tolerance)
-    if is_large(packing, order):
-        order = best_order(jet_cost(packing, looped=True), tolerance)
-    rounds = any(stage.plan.inverted for stage in packing.stages) or packing.program.dimension > 2
+    order = best_order(jet_cost(widest, looped=False), tolerance)
+    if is_large(widest, order):
+        order = best_order(jet_cost(widest, looped=True), tolerance)
+    rounds = any(stage.plan.inverted for stage in widest.stages) or widest.program.dimension > 2
     return min(order, HIGHEST_ROUNDED) if tolerance < ROUNDING_TOLERANCE and rounds else order
 
 
