@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -22,12 +21,11 @@ from lagrange.machine.backend import Callback, DensePath, FloatArray, SingularMa
 from lagrange.machine.drivers import StepDriver
 from lagrange.machine.kernel.llvm_kernel import STORED_TOGETHER, LlvmKernel, cached_kernel, fit
 from lagrange.machine.llvm.address import workspace
-from lagrange.machine.llvm.engine import CompiledProcedure, Module, compiled
+from lagrange.machine.llvm.engine import CompiledProcedure, compiled
 from lagrange.machine.llvm.operations import lanes, processor
-from lagrange.machine.llvm.procedures import module
 from lagrange.machine.llvm_series import LlvmDense, LlvmSeries, of_steps
 from lagrange.machine.state import DriverState, StepEventMemory, StepFunction
-from lagrange.procedure.form import REAL, WHOLE, Kind, Procedure
+from lagrange.procedure.form import Procedure
 from lagrange.procedure.lane_values import UNIFORM, VARYING
 from lagrange.procedure.lanes import ACTIVE, MemberProcedures
 from lagrange.procedure.rewrite import Pruner
@@ -124,9 +122,6 @@ class LlvmEventSteps:
         return int(code)
 
 
-SCALARS: Mapping[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
-
-
 class MembersCode:
     """A procedure that runs members of an ensemble, compiled with one member in each lane of a vector."""
 
@@ -135,18 +130,16 @@ class MembersCode:
         pruned = Pruner().pruned(procedure)
         signature = tuple(VARYING if parameter.name == LANE else UNIFORM for parameter in pruned.parameters)
         entry = MemberProcedures(self.lanes).entry(pruned, signature)
-        self._parameters = entry.parameters
-        self._code = Module(module([entry]), optimize=True, often=True)
-        types = [SCALARS[each.type] if isinstance(each.type, Kind) else ctypes.c_void_p for each in self._parameters]
-        self._call = ctypes.CFUNCTYPE(None, *types)(self._code.address(entry.name))
+        self._code = CompiledProcedure(entry, tiers=True, optimize=True, members=True)
         numbers = np.arange(self.lanes, dtype=np.int64)
         self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
 
     def __call__(self, arguments: Mapping[str, Any]) -> None:
         """Run members of an ensemble. `arguments` are the procedure's, by name; results are written to them."""
-        known = {**arguments, **self._known}
-        values = [known[parameter.name] for parameter in self._parameters]
-        self._call(*[value.ctypes.data if isinstance(value, np.ndarray) else value for value in values])
+        call = self._code.bound()
+        call.give(**arguments, **self._known)
+        call()
+        call.count(int(arguments["steps"].sum()))
 
 
 def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False, by_value: bool = True) -> Layout:

@@ -265,23 +265,28 @@ with optimization and 19 ms without; a loop over Runge-Kutta steps in 77 and 18 
 times as long, and up to 2.6 times with Newton's method or ten coordinates. So 5,000 of them lose 1 to 40 ms.
 """
 
+MEMBER_STEPS_BEFORE_OPTIMIZING = 200_000
+"""Number of steps of members in lanes after which their code is compiled with optimization. For a double pendulum that
+takes 1 to 4 s, and 0.1 to 0.9 s without. Steps without it take up to three times as long: 200,000 lose 0.02 to 0.2 s.
+"""
+
 
 class TieredModule(Shared):
     """A module with a function that takes steps, compiled twice: quickly at first, and optimized after many steps.
 
-    `optimize` and `merge` are options of `Module` for the optimized version. Both versions are kept, because other
-    runs may hold the address of the first. `needs` is called before each compilation; it compiles the procedures of
-    other modules that the code calls. Threads may share it.
+    `passes` are options of `Module` for the optimized version. Both versions are kept, because other runs may hold the
+    address of the first. `needs` is called before each compilation; it compiles the procedures of other modules that
+    the code calls. With `members` the code runs members of an ensemble in lanes. Threads may share the module.
     """
 
     def __init__(
-        self, text: str, *, merge: bool = False, optimize: bool = False, needs: Callable[..., None] | None = None
+        self, text: str, *, members: bool = False, needs: Callable[..., None] | None = None, **passes: bool
     ) -> None:
-        self.ir, self._passes, self._needs = text, {"merge": merge, "optimize": optimize}, needs
+        self.ir, self._passes, self._needs = text, {**passes, "often": members}, needs
         if needs is not None:
             needs(well=False)
         self._quick = self._best = Module(text, quickly=True)
-        self._left = STEPS_BEFORE_OPTIMIZING
+        self._left = MEMBER_STEPS_BEFORE_OPTIMIZING if members else STEPS_BEFORE_OPTIMIZING
         self._lock = threading.Lock()
 
     @property
@@ -330,8 +335,9 @@ class CompiledProcedure(Shared):
     """A procedure in machine code, called with numbers, arrays, records, and addresses of functions.
 
     With `tiers` it is compiled quickly at first, and again with optimization after many steps. With `optimize` LLVM
-    runs more of its optimization passes. The callees in `elsewhere` are compiled in other modules. `needs` is called
-    before the code is compiled, to compile these modules.
+    runs more of its optimization passes. With `members` the procedure runs members of an ensemble in lanes, and LLVM
+    chooses the callees to inline. The callees in `elsewhere` are compiled in other modules. `needs` is called before
+    the code is compiled, to compile these modules.
     """
 
     def __init__(
@@ -340,6 +346,7 @@ class CompiledProcedure(Shared):
         *,
         tiers: bool = False,
         optimize: bool = False,
+        members: bool = False,
         elsewhere: Sequence[Procedure] = (),
         needs: Callable[..., None] | None = None,
     ) -> None:
@@ -349,9 +356,10 @@ class CompiledProcedure(Shared):
         self.results = [(len(kinds) + i, kind) for i, kind in enumerate(procedure.results)]
         self.only_whole = len(kinds) if procedure.results == (WHOLE,) else None
         """Word of the result if it is one whole number, such as the outcome of a loop over steps."""
-        text = called_ir(procedure, elsewhere)
+        text = called_ir(procedure, elsewhere, inlined=not members)
         passes = {"optimize": optimize, "merge": not optimize}
-        self.module = TieredModule(text, needs=needs, **passes) if tiers else Module(text, **passes)
+        tiered = TieredModule(text, members=members, needs=needs, **passes) if tiers else None
+        self.module = tiered or Module(text, **passes)
 
     @property
     def run(self) -> Any:
@@ -433,16 +441,18 @@ def compiled(procedure: Procedure) -> CompiledProcedure:
     return CompiledProcedure(procedure)
 
 
-def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
+def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = (), *, inlined: bool = True) -> str:
     """Return the IR of a procedure, and of a function `run` that calls it with the words of an array.
 
-    The words have 8 bytes and hold arguments and results. Callees in `elsewhere` are declared but not defined. Other
-    callees are inlined unless they are `noinline`. If the procedure is a loop over steps (its last parameters are
-    `STEPS`), the IR also has a function `steps`, by which other compiled loops call it.
+    The words have 8 bytes and hold arguments and results. Callees in `elsewhere` are declared but not defined. With
+    `inlined`, all other callees are inlined unless they are `noinline`. Otherwise LLVM chooses. If the procedure is a
+    loop over steps (its last parameters are `STEPS`), the IR also has a function `steps`, by which other compiled
+    loops call it.
     """
     callees = transitive_callees([procedure], elsewhere)
     functions = [
-        function(callee, hidden=True, merged=not (callee is procedure or callee.noinline)) for callee in callees
+        function(callee, hidden=True, merged=inlined and not (callee is procedure or callee.noinline))
+        for callee in callees
     ]
     functions.append(_run(procedure))
     if [parameter.name for parameter in procedure.parameters][-len(STEPS) :] == list(STEPS):
