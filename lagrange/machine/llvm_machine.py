@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -93,7 +93,7 @@ class LlvmEventSteps:
             "work": workspace(work_size(n, count)),
             "scratch": np.zeros(n + 2 * count + results + WIDEST_VECTOR),
         }
-        self._call = compiled(event_steps.form()).bound()
+        self._call = _event_loop().bound()
         self._call.give(**arguments)
         self._memory: StepEventMemory | None = None
         self._function: StepFunction | None = None
@@ -118,8 +118,15 @@ class LlvmEventSteps:
         self._call.give(row_times=times, row_states=rows)
         before = state.integers[DriverState.STEPS]
         code = self._call()
-        self._driver.count(max(0, state.integers[DriverState.STEPS] - before))
+        steps = max(0, state.integers[DriverState.STEPS] - before)
+        self._driver.count(steps)
+        self._call.count(steps)
         return int(code)
+
+
+@cache
+def _event_loop() -> CompiledProcedure:
+    return CompiledProcedure(event_steps.form(), tiers=True, late=True)
 
 
 class MembersCode:
@@ -130,7 +137,7 @@ class MembersCode:
         pruned = Pruner().pruned(procedure)
         signature = tuple(VARYING if parameter.name == LANE else UNIFORM for parameter in pruned.parameters)
         entry = MemberProcedures(self.lanes).entry(pruned, signature)
-        self._code = CompiledProcedure(entry, tiers=True, optimize=True, members=True)
+        self._code = CompiledProcedure(entry, tiers=True, late=True, optimize=True, inlined=False)
         numbers = np.arange(self.lanes, dtype=np.int64)
         self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
 

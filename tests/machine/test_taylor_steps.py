@@ -29,6 +29,7 @@ from lagrange.machine.state import DriverState, Outcome
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.events import compiled_loop
 from tests.models import SYSTEMS, build, c, hanging_rods, k, m, omega, stated, x, y, z
 from tests.systems import unit_pendulum
 
@@ -239,27 +240,36 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return result
 
 
-def ran(model: Any, method: str, **options: Any) -> tuple[bytes, bytes]:
+def ran(model: Any, method: str, **options: Any) -> list[bytes]:
     result = lg.integrate(model, (0.0, 9.0), method=method, **options)
     assert result.status is lg.Status.SUCCESS
-    return result.t.tobytes(), result.y.tobytes()
+    return [each.tobytes() for each in (result.t, result.y, *result.t_events)]
 
 
-RUNS = {"taylor": {"rtol": 1e-9}, "dop853": {"rtol": 1e-7}, "rk4": {"step": 0.01}, "radau5": {"rtol": 1e-6}}
+RUNS = {"taylor": {"rtol": 1e-9}, "dop853": {"rtol": 1e-12}, "rk4": {"step": 0.01}, "radau5": {"rtol": 1e-6}}
 
 
 @pytest.mark.parametrize("method", RUNS)
-def test_code_that_is_compiled_well_gives_the_same_bits(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("watched", [False, True])
+def test_code_that_is_compiled_well_gives_the_same_bits(
+    method: str, watched: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The first run uses quickly compiled code. During the second run optimized code replaces it, as in the third."""
-    compiled_steps.cache_clear()
-    llvm_machine.compiled_loop.cache_clear()
-    model = unit_pendulum().compile(check=False)
-    first = ran(model, method, **RUNS[method])
+    options = dict(RUNS[method], events=[lg.coordinate("theta")]) if watched else RUNS[method]
+
+    def fresh() -> Any:
+        for cached in (compiled_steps, llvm_machine.compiled_loop, llvm_machine._event_loop):
+            cached.cache_clear()
+        return unit_pendulum().compile(check=False)
+
+    monkeypatch.setattr(compiled_loop, "WORTH_COMPILING", 1)
+    monkeypatch.setattr(compiled_loop, "ENOUGH", 1)
+    first = ran(fresh(), method, **options)
     monkeypatch.setattr(engine, "STEPS_BEFORE_OPTIMIZING", 1)
-    compiled_steps.cache_clear()
-    llvm_machine.compiled_loop.cache_clear()
-    fresh = unit_pendulum().compile(check=False)
-    assert [ran(fresh, method, **RUNS[method]) for _ in range(2)] == [first] * 2
+    monkeypatch.setattr(engine, "STEPS_BEFORE_LATE_OPTIMIZING", 1)
+    model = fresh()
+    assert [ran(model, method, **options) for _ in range(2)] == [first] * 2
+    assert llvm_machine._event_loop().module.is_final or not watched or method == "taylor"
 
 
 def test_a_series_is_compiled_well_behind_many_steps(made: list[str]) -> None:

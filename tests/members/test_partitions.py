@@ -166,7 +166,7 @@ def test_optimized_code_gives_the_bits_of_the_quick_code(
     """The first chunk of the second run uses quickly compiled code, all later ones optimized code."""
     right = whole(method, watched=watched)
     compiled: list[Any] = []
-    monkeypatch.setattr(engine, "MEMBER_STEPS_BEFORE_OPTIMIZING", 1)
+    monkeypatch.setattr(engine, "STEPS_BEFORE_LATE_OPTIMIZING", 1)
     monkeypatch.setattr(lanes, "_COMPILED", {})
     monkeypatch.setattr(engine.CompiledCall, "count", lambda call, steps: compiled.append(count(call, steps)))
     rows = run(method=method, workers=1, watched=watched)

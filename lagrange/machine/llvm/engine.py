@@ -265,9 +265,10 @@ with optimization and 19 ms without; a loop over Runge-Kutta steps in 77 and 18 
 times as long, and up to 2.6 times with Newton's method or ten coordinates. So 5,000 of them lose 1 to 40 ms.
 """
 
-MEMBER_STEPS_BEFORE_OPTIMIZING = 200_000
-"""Number of steps of members in lanes after which their code is compiled with optimization. For a double pendulum that
-takes 1 to 4 s, and 0.1 to 0.9 s without. Steps without it take up to three times as long: 200,000 lose 0.02 to 0.2 s.
+STEPS_BEFORE_LATE_OPTIMIZING = 200_000
+"""`STEPS_BEFORE_OPTIMIZING` for large code. Members of a double pendulum in lanes compile in 1 to 4 s with optimization
+and 0.1 to 0.9 s without; their steps take up to three times as long without it. For the loop over steps with events it
+is 0.7 and 0.2 s, and 1.1 to 1.6 times as long. So 200,000 steps lose 0.02 to 0.2 s.
 """
 
 
@@ -276,17 +277,17 @@ class TieredModule(Shared):
 
     `passes` are options of `Module` for the optimized version. Both versions are kept, because other runs may hold the
     address of the first. `needs` is called before each compilation; it compiles the procedures of other modules that
-    the code calls. With `members` the code runs members of an ensemble in lanes. Threads may share the module.
+    the code calls. With `late`, optimization waits for more steps, since it takes seconds. Threads may share a module.
     """
 
     def __init__(
-        self, text: str, *, members: bool = False, needs: Callable[..., None] | None = None, **passes: bool
+        self, text: str, *, late: bool = False, needs: Callable[..., None] | None = None, **passes: bool
     ) -> None:
-        self.ir, self._passes, self._needs = text, {**passes, "often": members}, needs
+        self.ir, self._passes, self._needs = text, {**passes, "often": late}, needs
         if needs is not None:
             needs(well=False)
         self._quick = self._best = Module(text, quickly=True)
-        self._left = MEMBER_STEPS_BEFORE_OPTIMIZING if members else STEPS_BEFORE_OPTIMIZING
+        self._left = STEPS_BEFORE_LATE_OPTIMIZING if late else STEPS_BEFORE_OPTIMIZING
         self._lock = threading.Lock()
 
     @property
@@ -334,10 +335,10 @@ STEPS = ("budget", "times", "rows")
 class CompiledProcedure(Shared):
     """A procedure in machine code, called with numbers, arrays, records, and addresses of functions.
 
-    With `tiers` it is compiled quickly at first, and again with optimization after many steps. With `optimize` LLVM
-    runs more of its optimization passes. With `members` the procedure runs members of an ensemble in lanes, and LLVM
-    chooses the callees to inline. The callees in `elsewhere` are compiled in other modules. `needs` is called before
-    the code is compiled, to compile these modules.
+    With `tiers` it is compiled quickly at first, and again with optimization after many steps; with `late`, after more
+    steps. With `optimize` LLVM runs more of its optimization passes. With `inlined` all callees are inlined unless they
+    are `noinline`; otherwise LLVM chooses. The callees in `elsewhere` are compiled in other modules. `needs` is called
+    before the code is compiled, to compile these modules.
     """
 
     def __init__(
@@ -345,8 +346,9 @@ class CompiledProcedure(Shared):
         procedure: Procedure,
         *,
         tiers: bool = False,
+        late: bool = False,
         optimize: bool = False,
-        members: bool = False,
+        inlined: bool = True,
         elsewhere: Sequence[Procedure] = (),
         needs: Callable[..., None] | None = None,
     ) -> None:
@@ -356,9 +358,9 @@ class CompiledProcedure(Shared):
         self.results = [(len(kinds) + i, kind) for i, kind in enumerate(procedure.results)]
         self.only_whole = len(kinds) if procedure.results == (WHOLE,) else None
         """Word of the result if it is one whole number, such as the outcome of a loop over steps."""
-        text = called_ir(procedure, elsewhere, inlined=not members)
+        text = called_ir(procedure, elsewhere, inlined=inlined)
         passes = {"optimize": optimize, "merge": not optimize}
-        tiered = TieredModule(text, members=members, needs=needs, **passes) if tiers else None
+        tiered = TieredModule(text, late=late, needs=needs, **passes) if tiers else None
         self.module = tiered or Module(text, **passes)
 
     @property
