@@ -18,6 +18,7 @@ from lagrange.errors import StatementError, counted, listing, shown
 from lagrange.evidence import work_precision
 from lagrange.evidence.work_precision import TOLERANCES, Entry, Result
 from lagrange.machine.model import Model, Stated, stated
+from lagrange.show.figures import line_widths as widths
 from lagrange.show.figures.style import FigureStyle, LineStyle, dress, line_styles, new_figure, on_paper, style_of
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically, write_rows, write_together
@@ -97,7 +98,7 @@ def _draw(axis: Axes, label: str, entries: list[Entry], look: LineStyle, style: 
     """
     rival = entries[0].method.startswith(("scipy-", "cvode"))
     common: dict[str, Any] = {"color": look.colour, "marker": look.marker, "markersize": 5.5, "markeredgewidth": 1.0}
-    common["linewidth"] = 1.0 if rival else 1.6
+    common["linewidth"] = widths.MANY if rival else widths.BOLD
     for resolved, group in groupby(entries, key=lambda entry: entry.resolved):
         part = list(group)
         axis.plot(

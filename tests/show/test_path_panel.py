@@ -54,9 +54,11 @@ def test_of_a_level_line_the_phase_plane_is_drawn() -> None:
     assert level.get_xlim() == (-1.0, 1.0)
 
 
-def test_round_off_of_a_place_fills_no_panel() -> None:
-    (axis,) = drawn(moving(a + 10, 0, size=1e-11).plot("path")).axes
+@pytest.mark.parametrize("up", [0, b + 10])
+def test_round_off_of_a_place_fills_no_panel(up: Any) -> None:
+    (axis,) = drawn(moving(a + 10, up, size=1e-11).plot("path")).axes
     assert axis.get_xlim() == pytest.approx((5.0, 15.0))
+    assert up == 0 or axis.get_ylim() == pytest.approx((5.0, 15.0))
 
 
 def test_many_points_have_one_colour_and_no_legend() -> None:

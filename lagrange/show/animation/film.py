@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from lagrange.errors import StatementError, shown
 from lagrange.show.animation.recording import Recording, Timing
+from lagrange.show.figures import line_widths as widths
 from lagrange.show.figures.curve import around
 from lagrange.show.figures.panel import label_of_entry
 from lagrange.show.figures.paths import Box, draw_floor, is_slender, spring, view_of
@@ -377,22 +378,25 @@ class MovingScene:
         if self.shadows is not None:
             below = self.shadows[:, :, k]
             for ends in zip(now[self.moving], below, strict=True):
-                pen.line(np.array(ends).T, style.grid, 1.0)
+                pen.line(np.array(ends).T, style.grid, widths.MARK)
             pen.marks(below.T, style.quiet, 5.0)
         if self.tail:
             cuts = np.linspace(k - self.tail, k, FADES + 1).round().astype(int).clip(0)
             for point, colour in zip(self.moving, self.colours, strict=True):
                 for part, (a, b) in enumerate(pairwise(cuts.tolist())):
                     if b > a:
-                        pen.line(self.seen[point][:, a : b + 1], colour, 2.0, (part + 1) / FADES * CLEAR, cap="butt")
+                        opacity = (part + 1) / FADES * CLEAR
+                        pen.line(self.seen[point][:, a : b + 1], colour, widths.TRAIL, opacity, cap="butt")
         for surface in self.surfaces:
-            pen.line(now[surface].T, style.ink, 3.0)
+            pen.line(now[surface].T, style.ink, widths.MOVING_SURFACE)
         positions = {name: now[k] for k, name in enumerate(self.names)}
         for start, end, kind in self.recording.statement.links:
             if kind == SPRING:
-                pen.line(spring(positions[start], positions[end], self.spring_width), style.quiet, 1.4)
+                line = spring(positions[start], positions[end], self.spring_width)
+                pen.line(line, style.quiet, widths.MOVING_SPRING)
             else:
-                pen.line(np.array([positions[start], positions[end]]).T, style.quiet, 1.2 if kind == EDGE else 2.4)
+                width = widths.MOVING_EDGE if kind == EDGE else widths.MOVING_ROD
+                pen.line(np.array([positions[start], positions[end]]).T, style.quiet, width)
         pen.marks(now[self.fixed].T, style.ink, 8.5, "s")
         if self.named:
             for point, colour in zip(self.moving, self.colours, strict=True):
@@ -462,9 +466,9 @@ class MovingChart:
         self.clear: list[Any] = []
         several = 1 < len(rows.rows) <= NAMED_POINTS
         for row, label, colour in zip(rows.rows, rows.labels, rows.colours, strict=True):
-            axis.plot(self.t, row, color=colour, linewidth=1.2, alpha=FAINT)
+            axis.plot(self.t, row, color=colour, linewidth=widths.COMING_CURVE, alpha=FAINT)
             name = label if several else "_nolegend_"
-            self.clear += axis.plot(self.t, row, color=colour, linewidth=1.5, animated=True, label=name)
+            self.clear += axis.plot(self.t, row, color=colour, linewidth=widths.MOVING_CURVE, animated=True, label=name)
         if several:
             legend(axis, style, rows.title)
         else:
@@ -486,6 +490,6 @@ class MovingChart:
     def draw(self, k: int, pen: Pen) -> None:
         """Draw a vertical line at the time of sample number `k`, and a dot on each curve there."""
         t = float(self.t[k])
-        pen.line(np.array([[t, t], self.axis.get_ylim()]), self.style.quiet, 1.0)
+        pen.line(np.array([[t, t], self.axis.get_ylim()]), self.style.quiet, widths.MARK)
         for row, colour in zip(self.rows.rows, self.rows.colours, strict=True):
             pen.marks(np.array([[t], [row[k]]]), colour, 6.4)

@@ -18,6 +18,7 @@ from lagrange.errors import StatementError, counted
 from lagrange.evidence.method_stability import GROWTH_TOLERANCE, growth, step_of
 from lagrange.mechanics.modes import ModeShapes
 from lagrange.mechanics.stability import EigenvaluePath
+from lagrange.show.figures import line_widths as widths
 from lagrange.show.figures.curve import Pixels, first_times, in_plane, with_neighbours
 from lagrange.show.figures.panel import (
     entry,
@@ -74,18 +75,17 @@ def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") 
     for (name, lines), colour in zip(portrait.nullclines.items(), (look.colours[2], look.colours[4]), strict=True):
         label = f"${entry(portrait.statement, name, rate=True)} = 0$"
         for nullcline in lines:
-            axis.plot(*nullcline.T, color=colour, linewidth=1.1, linestyle=":", label=label, zorder=1.5)
+            axis.plot(*nullcline.T, color=colour, linewidth=widths.PLANE, linestyle=":", label=label, zorder=1.5)
             label = "_"
     for orbit in portrait.orbits:
-        axis.plot(*_line(portrait, orbit), color=look.colours[0], linewidth=0.9, zorder=2)
+        axis.plot(*_line(portrait, orbit), color=look.colours[0], linewidth=widths.THIN, zorder=2)
     for stable, colour in ((False, look.colours[1]), (True, look.colours[3])):
         label = "separatrix to the saddle" if stable else "separatrix from the saddle"
         for branch in portrait.separatrices:
             if branch.stable == stable:
                 line = _line(portrait, branch.orbit)
-                axis.plot(
-                    *line, color=colour, linewidth=2.0, dashes=(4, 4) if stable else (1, 0), label=label, zorder=3
-                )
+                dashes = (4, 4) if stable else (1, 0)
+                axis.plot(*line, color=colour, linewidth=widths.SEPARATRIX, dashes=dashes, label=label, zorder=3)
                 label = "_"
     _equilibria(axis, portrait, look)
     _frame(axis, ax, portrait, look)
@@ -95,18 +95,18 @@ def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") 
 
 def _field(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
     """Draw arrows of equal length, in the directions in which orbits go in the picture."""
-    widths = np.array([axis_range.width for axis_range in portrait.plane])
-    u, v = portrait.u / widths[0], portrait.v / widths[1]
+    ranges = np.array([axis_range.width for axis_range in portrait.plane])
+    u, v = portrait.u / ranges[0], portrait.v / ranges[1]
     with np.errstate(invalid="ignore", divide="ignore"):
         size = np.hypot(u, v)
         u, v = np.where(size > 0, u / size, 0.0), np.where(size > 0, v / size, 0.0)
-    spacing = widths / [len(portrait.x), len(portrait.y)]
-    scale = ARROW * min(spacing / widths)
+    spacing = ranges / [len(portrait.x), len(portrait.y)]
+    scale = ARROW * min(spacing / ranges)
     axis.quiver(
         portrait.x,
         portrait.y,
-        u * scale * widths[0],
-        v * scale * widths[1],
+        u * scale * ranges[0],
+        v * scale * ranges[1],
         angles="xy",
         scale_units="xy",
         scale=1.0,
@@ -211,7 +211,7 @@ def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> F
         axis.plot(*_wrapped(statement, states, columns), ".", color=colour, markersize=size, markeredgewidth=0.0)
     if (names[columns[0]], names[columns[1]]) == section.axes:
         for line in section.border:
-            axis.plot(*line.T, color=look.quiet, linewidth=0.9)
+            axis.plot(*line.T, color=look.quiet, linewidth=widths.THIN)
     dress(axis, look, f"{statement.name}: {_where(section)}")
     axis.set_xlabel(label_of_entry(statement, names[columns[0]]))
     axis.set_ylabel(label_of_entry(statement, names[columns[1]]))
@@ -292,7 +292,7 @@ def plot_branches(data: BranchesData, entry: Any, ax: Any, style: Any) -> Figure
         for branch in data.branches:
             line = np.where(with_neighbours(branch.stable == stable), branch.coordinates[:, row], np.nan)
             if np.isfinite(line).any():
-                axis.plot(branch.values, line, color=colour, linewidth=1.8, dashes=dashes, label=label)
+                axis.plot(branch.values, line, color=colour, linewidth=widths.BRANCH, dashes=dashes, label=label)
                 label = "_"
     dress(axis, look, f"{statement.name}: equilibria")
     _parameter_axis(axis, statement, data.parameter, data.values)
@@ -361,7 +361,7 @@ def _bars(axis: Axes, shapes: ModeShapes, k: int, look: FigureStyle) -> None:
 
 def _frame_bars(axis: Axes, shapes: ModeShapes, title: str, look: FigureStyle) -> None:
     """Draw the title of a panel of bars, its line at zero, and the names of the coordinates below the bars."""
-    axis.axhline(0.0, color=look.quiet, linewidth=0.8)
+    axis.axhline(0.0, color=look.quiet, linewidth=widths.FLOOR)
     dress(axis, look, title)
     axis.grid(visible=False, axis="x")
     ticks = np.arange(len(shapes.names))
@@ -411,7 +411,7 @@ def _shape(
     largest = max(float(np.linalg.norm(rows[k])) for rows in moved.values())
     scale = LARGEST_DISPLACEMENT * extent / largest if largest > 1e-12 else 0.0
     at = {name: point + scale * moved[name][k] for name, point in points.items()}
-    for positions, colour, width in ((points, look.grid, 1.4), (at, look.quiet, 1.6)):
+    for positions, colour, width in ((points, look.grid, widths.AT_REST), (at, look.quiet, widths.BOLD)):
         for start, end, kind in shapes.statement.links:
             ends = positions[start], positions[end]
             line = spring(*ends, 0.05 * extent) if kind == SPRING else np.array(ends).T
@@ -425,7 +425,13 @@ def _shape(
         axis.plot(*point, "o", markerfacecolor=look.paper, markeredgecolor=look.quiet, markersize=9, zorder=3)
         axis.plot(*at[name], "o", color=look.colours[0], markersize=9, zorder=4)
         if np.linalg.norm(at[name] - point) > 0.02 * extent:
-            arrow = {"arrowstyle": "-|>", "color": look.colours[1], "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+            arrow = {
+                "arrowstyle": "-|>",
+                "color": look.colours[1],
+                "linewidth": widths.BOLD,
+                "shrinkA": 0,
+                "shrinkB": 0,
+            }
             axis.annotate("", (at[name][0], at[name][1]), (point[0], point[1]), arrowprops=arrow, zorder=5)
     dress(axis, look)
     axis.grid(visible=False)
@@ -450,9 +456,9 @@ def plot_eigenvalues(path: EigenvaluePath, style: Any = "light") -> Figure:
     dress(growth, look, "The equilibrium is unstable where a real part is positive")
     dress(frequency, look)
     for column, colour in zip(path.eigenvalues.T, colours(path.eigenvalues.shape[1], look.colours), strict=True):
-        growth.plot(path.values, column.real, color=colour, linewidth=1.6)
-        frequency.plot(path.values, column.imag, color=colour, linewidth=1.6)
-    growth.axhline(0.0, color=look.quiet, linewidth=0.7)
+        growth.plot(path.values, column.real, color=colour, linewidth=widths.BOLD)
+        frequency.plot(path.values, column.imag, color=colour, linewidth=widths.BOLD)
+    growth.axhline(0.0, color=look.quiet, linewidth=widths.FRAME)
     growth.set(ylabel="real part")
     frequency.set(xlabel=str(path.parameter), ylabel="imaginary part")
     return on_paper(figure, look)
@@ -489,13 +495,13 @@ def plot_stability(
     everywhere = np.ones(grid.shape, dtype=bool)
     for method, colour in zip(methods, colours(len(methods), look.colours), strict=True):
         sizes = growth(step_of(method), plane)
-        axis.contour(x, y, sizes, levels=[1.0 + GROWTH_TOLERANCE], colors=[colour], linewidths=1.6)
+        axis.contour(x, y, sizes, levels=[1.0 + GROWTH_TOLERANCE], colors=[colour], linewidths=widths.BOLD)
         everywhere &= sizes <= 1.0 + GROWTH_TOLERANCE
-        lines.append(axis.plot([], [], color=colour, linewidth=1.6)[0])
+        lines.append(axis.plot([], [], color=colour, linewidth=widths.BOLD)[0])
         names.append(find(method).name)
     axis.contourf(x, y, everywhere, levels=[0.5, 1.5], colors=[mixed(look.colours[0], look.paper, 0.12)])
-    axis.axhline(0.0, color=look.quiet, linewidth=0.7)
-    axis.axvline(0.0, color=look.quiet, linewidth=0.7)
+    axis.axhline(0.0, color=look.quiet, linewidth=widths.FRAME)
+    axis.axvline(0.0, color=look.quiet, linewidth=widths.FRAME)
     axis.set(xlabel="real part of rate times step", ylabel="imaginary part", aspect="equal")
     axis.legend(lines, names, loc="upper left", frameon=False, labelcolor=look.ink)
     return on_paper(figure, look)

@@ -14,6 +14,7 @@ from lagrange.dynamics.axes import TURN, is_angle, wrapped
 from lagrange.errors import StatementError, listing
 from lagrange.members.results import DRIFT, INTERRUPTED, OUTPUTS, STATE, STATUS, STATUSES, TIME, end_row, event_times
 from lagrange.members.table import MemberNumbers
+from lagrange.show.figures import line_widths as widths
 from lagrange.show.figures.panel import label_of_entry, panel_on, say_below
 from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, of_figure, style_of, with_unit
 from lagrange.show.notation.latex_mathml import LatexNotation
@@ -194,7 +195,7 @@ def _map(axis: Axes, runs: Ensemble, axes: Mapping[str, Values], quantity: Membe
         _image(axis, across[1], up[1], np.ma.masked_where(~failed, failed), cmap=ListedColormap([mark]))
     if 0 < failed.sum() <= MOST_CROSSES:
         rows, columns = np.nonzero(failed)
-        axis.plot(across[1][columns], up[1][rows], "x", color=look.ink, markersize=4, markeredgewidth=0.9)
+        axis.plot(across[1][columns], up[1][rows], "x", color=look.ink, markersize=4, markeredgewidth=widths.THIN)
     bar = of_figure(axis).colorbar(image, ax=axis, pad=0.02, aspect=30)
     bar.set_label(quantity.label, color=look.ink, fontsize=9)
     bar.ax.tick_params(which="both", color=look.quiet, labelcolor=look.ink, labelsize=8)
@@ -228,7 +229,8 @@ def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> Scalar
 def _curve(axis: Axes, runs: Ensemble, axes: Mapping[str, Values], quantity: MemberQuantity, look: FigureStyle) -> None:
     """Draw a quantity of the members against `axes`, the only varied one; a cross marks each failed member."""
     ((varied, values),) = axes.items()
-    axis.plot(values, quantity.values, color=look.colours[0], linewidth=1.3, marker="." if len(values) <= 100 else "")
+    dot = "." if len(values) <= 100 else ""
+    axis.plot(values, quantity.values, color=look.colours[0], linewidth=widths.CURVE, marker=dot)
     bottom = axis.get_xaxis_transform()
     if quantity.failed.any():
         lost = values[quantity.failed]
@@ -243,8 +245,9 @@ def _histogram(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: Figur
     values = quantity.values[np.isfinite(quantity.values)]
     axis.hist(values, bins=min(BINS, max(8, round(len(values) ** 0.5))), color=look.colours[0], alpha=0.85)
     low, middle, high = np.quantile(values, [BANDS[0][0], 0.5, BANDS[0][1]])
-    for quantile, width in ((low, 1.0), (middle, 1.8), (high, 1.0)):
-        axis.axvline(quantile, color=look.ink, linewidth=width, linestyle="-" if width > 1 else "--")
+    axis.axvline(middle, color=look.ink, linewidth=widths.BRANCH)
+    for quantile in (low, high):
+        axis.axvline(quantile, color=look.ink, linewidth=widths.MANY, linestyle="--")
     dress(axis, look, _title(runs, f"median {middle:.4g}, nine tenths from {low:.4g} to {high:.4g}"))
     axis.set_xlabel(quantity.label)
     axis.set_ylabel("members")
@@ -255,7 +258,7 @@ def _fan(axis: Axes, runs: Ensemble, name: str, look: FigureStyle) -> None:
     row, times = runs.y[runs.names.index(name)], runs.t
     if len(runs) <= FAN_LINES:
         for values, colour in zip(row.T, colours(len(runs), look.colours), strict=True):
-            axis.plot(times, values, color=colour, linewidth=1.0)
+            axis.plot(times, values, color=colour, linewidth=widths.MANY)
         dress(axis, look, _title(runs, f"{len(runs)} runs"))
     else:
         levels = [level for band in BANDS for level in band]
@@ -265,7 +268,7 @@ def _fan(axis: Axes, runs: Ensemble, name: str, look: FigureStyle) -> None:
         for k, shade in enumerate((0.22, 0.4)):
             low, high = bands[2 * k : 2 * k + 2]
             axis.fill_between(times, low, high, color=look.colours[0], alpha=shade, linewidth=0)
-        axis.plot(times, bands[-1], color=look.colours[0], linewidth=1.6)
+        axis.plot(times, bands[-1], color=look.colours[0], linewidth=widths.BOLD)
         dress(axis, look, _title(runs, f"median, middle half and nine tenths of {len(runs):,} runs"))
     axis.set_xlabel(label_of(runs, "t"))
     axis.set_ylabel(label_of_entry(runs.model.statement, name) if name in runs.names else label_of(runs, name))

@@ -16,6 +16,7 @@ import numpy as np
 from lagrange.dynamics.axes import TURN
 from lagrange.errors import StatementError, listing, shown
 from lagrange.mechanics.conserved import invariant_sizes
+from lagrange.show.figures import line_widths as widths
 from lagrange.show.figures.curve import (
     MOST_ROUNDS,
     AxisWindow,
@@ -359,7 +360,7 @@ class TimePanel:
             axis.plot(
                 *line,
                 color=shade,
-                linewidth=1.0 if self.quantities[0].drift else 1.3,
+                linewidth=widths.MANY if self.quantities[0].drift else widths.CURVE,
                 linestyle="none" if run.dots else kind,
                 marker="o" if dots else "",
                 markersize=2.0 if run.dots else 3.0,
@@ -444,7 +445,7 @@ class PhasePanel:
         drawn = [_line(run, keys, pixels) for run in self.solutions]
         lines = [line for line, _ in drawn]
         for line, label, shade in zip(lines, self.labels, shades, strict=True):
-            axis.plot(*line, color=shade, linewidth=1.1, zorder=2)
+            axis.plot(*line, color=shade, linewidth=widths.PLANE, zorder=2)
             axis.plot(*line[:, 0], "o", mfc=style.paper, mec=shade, ms=5, zorder=4)
             axis.plot(*line[:, -1], "o", color=shade, ms=6, zorder=5, label=label or "_nolegend_")
         x, y = (label_of_entry(statement, key) for key in keys)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lagrange.show.figures import line_widths as widths
 from lagrange.show.figures.curve import (
     AXIS_MARGIN,
     LEVEL_RANGE,
@@ -198,10 +199,10 @@ def draw_floor(axis: Axes, view: View, box: Box, unit: str, style: FigureStyle) 
             line = np.array(
                 [(position, begin[1]), (position, end[1])] if k == 0 else [(begin[0], position), (end[0], position)]
             )
-            _line(axis, view, np.column_stack([line, [z0, z0]]), style.grid, 0.8)
+            _line(axis, view, np.column_stack([line, [z0, z0]]), style.grid, widths.FLOOR)
     edge = np.array([(x0, y1, z0), (x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)])
-    _line(axis, view, edge, style.quiet, 0.7)
-    _line(axis, view, np.array([(x0, y0, z0), (x0, y0, z1)]), style.quiet, 0.7)
+    _line(axis, view, edge, style.quiet, widths.FRAME)
+    _line(axis, view, np.array([(x0, y0, z0), (x0, y0, z1)]), style.quiet, widths.FRAME)
     for k, foot in enumerate(((None, y0, z0), (x1, None, z0), (x0, y0, None))):
         _numbers(axis, view, box, k, foot, unit, style)
     projected = view.of(box.corners)
@@ -424,6 +425,10 @@ class PathPanel:
         if len(axis.get_legend_handles_labels()[1]) > 1:
             legend(axis, style, title, 10)
 
+    def _to_scale(self, runs: list[Paths]) -> bool:
+        """Return True if both directions of a plane picture have the same scale, for the paths `runs`."""
+        return self.shape == "square" and all(run.to_scale for run in runs)
+
     def _bounds(self, runs: list[Paths]) -> FloatArray:
         """Return the least and the largest coordinate of the paths `runs` in each of d directions, (2, d).
 
@@ -432,8 +437,8 @@ class PathPanel:
         """
         point_sets = [np.concatenate([*run.space], axis=1) if self.view.spatial else run.on_paper for run in runs]
         low, high = limits(np.concatenate(point_sets, axis=1))
-        to_scale = self.shape == "square" and all(run.to_scale for run in runs)
-        more = ((high - low).max() - (high - low)) / 2 if to_scale or self.view.spatial else np.zeros(len(low))
+        equal = self._to_scale(runs) or self.view.spatial
+        more = ((high - low).max() - (high - low)) / 2 if equal else np.zeros(len(low))
         return np.array([low - more, high + more])
 
     def _shades(self, run: Paths, index: int, style: FigureStyle) -> dict[str, str]:
@@ -451,11 +456,10 @@ class PathPanel:
         panel.
         """
         axis.margins(AXIS_MARGIN)
-        to_scale = self.shape == "square" and all(run.to_scale for run in runs)
         still = float(np.ptp(bounds, axis=0).max()) <= LEVEL_RANGE * float(np.abs(bounds).max(initial=0.0))
         if self.view.spatial:
             axis.set_aspect("equal", adjustable="box")  # without a frame, so that the title is close to it
-        elif to_scale and not still:
+        elif self._to_scale(runs) and not still:
             axis.set_aspect("equal", adjustable="datalim")
         else:
             for side, ends, moves in zip("xy", bounds.T, self.view.extended, strict=True):
@@ -488,9 +492,10 @@ def _draw_run(
     for start, end, kind in paths.links:
         ends = paths.of(start)[:, -1], paths.of(end)[:, -1]
         line = spring(*ends, 0.04 * size) if kind == SPRING else np.array(ends).T
-        axis.plot(*line, color=style.quiet, linewidth=0.9 if kind == EDGE else 1.6, zorder=3)
+        axis.plot(*line, color=style.quiet, linewidth=widths.THIN if kind == EDGE else widths.BOLD, zorder=3)
     for surface in paths.surfaces:
-        axis.plot(*np.array([paths.of(name)[:, -1] for name in surface]).T, color=style.ink, linewidth=2.4, zorder=2.5)
+        line = np.array([paths.of(name)[:, -1] for name in surface]).T
+        axis.plot(*line, color=style.ink, linewidth=widths.SURFACE, zorder=2.5)
     hidden = corners(paths.links).union(*paths.surfaces)
     shared = bool(label) and len(shades) > 1  # then points have colours, and runs have line styles
     kind = LINES[index % len(LINES)] if shared else "-"
@@ -505,13 +510,14 @@ def _draw_run(
             continue
         shade = shades[name]
         if box is None:
-            axis.plot(*paths.of(name), kind, color=shade, linewidth=0.9, zorder=2)
+            axis.plot(*paths.of(name), kind, color=shade, linewidth=widths.THIN, zorder=2)
         else:
             _draw_in_space(axis, paths, k, box, shade, style, kind)
         axis.plot(*paths.starts[k], "o", mfc=style.paper, mec=shade, ms=5 * part, zorder=4)
         named = len(shades) <= NAMED_POINTS and (len(shades) > 1 or not label)
         shown = " ".join(filter(None, (name if named else "", label))) or "_nolegend_"
-        mark = axis.plot(*paths.of(name)[:, -1], "o", color=shade, ms=7 * part, lw=0.9, zorder=5, label=shown)[0]
+        last = paths.of(name)[:, -1]
+        mark = axis.plot(*last, "o", color=shade, ms=7 * part, lw=widths.THIN, zorder=5, label=shown)[0]
         mark.set(linestyle=kind if shared else "none")  # for the legend
 
 
@@ -522,15 +528,16 @@ def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style
     """
     view, space = paths.view, paths.space[k]
     floor = np.array([*space[:2], np.full(space.shape[1], box.low[2])])
-    axis.plot(*view.of(floor), color=mixed(style.quiet, style.paper, 0.45), linewidth=0.8, zorder=1)
+    axis.plot(*view.of(floor), color=mixed(style.quiet, style.paper, 0.45), linewidth=widths.FLOOR, zorder=1)
     drop = np.array([space[:, -1], floor[:, -1]]).T
-    axis.plot(*view.of(drop), color=style.quiet, linewidth=0.8, linestyle=":", zorder=1.5)
+    axis.plot(*view.of(drop), color=style.quiet, linewidth=widths.FLOOR, linestyle=":", zorder=1.5)
     nearness = view.nearness(space)
     low, high = (float(end(view.nearness(box.corners))) for end in (np.min, np.max))
     for depth, line in enumerate(by_depth(paths.points[k], (nearness - low) / (high - low))):
         share = _FARTHEST + (1 - _FARTHEST) * depth / (_DEPTHS - 1)
         colour = mixed(shade, style.paper, share)
-        axis.plot(*line, kind, color=colour, linewidth=0.4 + 1.2 * share, zorder=2 + 0.1 * depth)
+        width = widths.FARTHEST + share * (widths.NEAREST - widths.FARTHEST)
+        axis.plot(*line, kind, color=colour, linewidth=width, zorder=2 + 0.1 * depth)
 
 
 def by_depth(points: FloatArray, nearness: FloatArray) -> Iterator[FloatArray]:

@@ -1,4 +1,4 @@
-"""The look of figures: colours, dashes, numbers at ticks, angles as multiples of pi; line widths are at the curves."""
+"""The look of figures: size, colours, line styles, legends, numbers at ticks, and angles as multiples of pi."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from lagrange.errors import StatementError, counted, shown
+from lagrange.show.figures.line_widths import FRAME
 from lagrange.show.files.picture import SCREEN_DPI, bounded_png
 from lagrange.statement.expression import one_of, real_array, whole_number
 
@@ -113,7 +114,7 @@ def dress(axis: Axes, style: FigureStyle, title: str = "") -> None:
     axis.set_facecolor(style.paper)
     axis.spines[["top", "right"]].set_visible(False)
     axis.spines[["left", "bottom"]].set_color(style.quiet)
-    axis.grid(color=style.grid, linewidth=0.7)
+    axis.grid(color=style.grid, linewidth=FRAME)
     axis.set_axisbelow(True)
     axis.tick_params(which="both", color=style.quiet, labelcolor=style.ink, labelsize=9)
     axis.xaxis.label.set_color(style.ink)
