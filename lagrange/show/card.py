@@ -1,4 +1,4 @@
-"""The status card of a run: as data, as text, and as HTML."""
+"""The status card of a run, its printed summary: method, steps, drifts and message, as data, as text, and as HTML."""
 
 from __future__ import annotations
 

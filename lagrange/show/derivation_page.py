@@ -1,4 +1,4 @@
-"""A derivation as a document: plain text, Unicode, LaTeX, Markdown or HTML, with formulas broken into lines."""
+"""Write a derivation as a document in plain text, Unicode, LaTeX, Markdown or HTML, and break long formulas."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from lagrange.statement.statement import Statement
 
 INDENT = "    "
 _WORD = re.compile(r"(?<![\\\w])[A-Za-z](?:\\_|\w)*")
-"""A word of a quoted sentence that is not a LaTeX command; its underscores may be escaped."""
+"""Pattern of a word in a sentence with escaped characters: no LaTeX command; its underscores may be escaped."""
 
 COMPACT = (
     "\\AtBeginDocument{\\abovedisplayskip=1pt plus 4pt \\belowdisplayskip=\\abovedisplayskip",
@@ -51,16 +51,16 @@ COMPACT = (
     "\\renewcommand{\\section}{\\@startsection{section}{1}{0pt}{0.7ex plus 1ex}{-1em}{\\normalfont\\large\\bfseries}}",
     "\\makeatother",
 )
-"""LaTeX for little space around the title, headings and formulas: derivations of three coordinates fill one page.
+"""LaTeX settings for little space around the title, headings and formulas: three coordinates fill one page.
 
-A formula below a heading of its own line would begin with a blank line, so headings begin the paragraph.
+A heading stands at the start of a paragraph. After a heading on its own line a formula would begin with a blank line.
 """
 
 LONG_SECTION = 12  # Lines of formulas above which a section of an HTML page is folded
 
 
 WIDEST = 100  # Width of a line in columns of Unicode text; a formula of this width also fills a printed page
-SHORT = 20  # Largest number of operations of a formula that fits into a line without being measured
+SHORT = 20  # A formula with at most this number of operations fits into a line; its width is not measured
 
 MEANINGS = {
     "L": "Lagrangian",
@@ -78,15 +78,15 @@ MEANINGS = {
     "G": "gradient",
     "f": "constraint",
 }
-"""Words for the letters of mechanics, written if a symbol of the statement looks like the letter."""
+"""Word for each letter of mechanics. It replaces the letter if a symbol of the system is spelled like the letter."""
 
 
 @dataclass(frozen=True)
 class FormulaLine:
-    """One line of a formula: the text `right`, and before it `left`, the left side of the formula.
+    """One line of a printed formula: the text `left`, an equals sign, and the text `right`.
 
-    `left` is blank for a line that does not begin with the left side. `goes_on` is true for a line that continues the
-    right side of the line above.
+    `left` is the left side of the formula, and empty for a line without left side. `goes_on` is true for a line that
+    continues the right side of the line above.
     """
 
     left: str
@@ -95,13 +95,13 @@ class FormulaLine:
 
 
 def _lines(left: str, texts: Sequence[str]) -> list[FormulaLine]:
-    """Return the lines of a formula whose right side is broken into `texts`."""
+    """Return the lines of a formula with the left side `left`, whose right side is broken into `texts`."""
     first, *more = texts
     return [FormulaLine(left, first), *(FormulaLine("", line, goes_on=True) for line in more)]
 
 
 class SideWriter:
-    """Writes sides of formulas in a notation, each on one line."""
+    """Writes one side of a formula, left or right of an equals sign, as one line of text in a notation."""
 
     def __init__(self, statement: Statement, notation: Callable[[Sequence[str]], Notation]) -> None:
         multipliers = [constraint.multiplier.name for constraint in statement.constraints]
@@ -112,7 +112,7 @@ class SideWriter:
         self.taken = frozenset((*self.setter.letters.values(), *map(self.notation.letter, function_names)))
 
     def side(self, side: Any) -> str:
-        """Return the text of one side of a formula, on one line."""
+        """Return the text of one side of a formula, a SymPy expression or an object such as `Partial`, on one line."""
         match side:
             case ShownQuantity():
                 return self.quantity(side)
@@ -141,7 +141,7 @@ class SideWriter:
         return self.side(factor)
 
     def quantity(self, quantity: ShownQuantity) -> str:
-        """Return a quantity's letter with indices, or its word if a symbol of the statement looks like the letter."""
+        """Return a quantity's letter with indices; its word if a symbol of the system is spelled like the letter."""
         spelled = self.notation.letter(quantity.letter, 0, quantity.indices)
         if spelled in self.taken:
             spelled = self.notation.script(quantity.letter, MEANINGS[quantity.letter], quantity.indices)
@@ -149,32 +149,36 @@ class SideWriter:
 
 
 class LineWriter:
-    """Writes formulas of a statement in a notation, on as many lines as necessary."""
+    """Writes formulas of a statement in a notation, and breaks wide formulas into lines.
+
+    `printed` writes the text whose width is measured: for LaTeX and MathML this text has the width of the printed
+    formula.
+    """
 
     def __init__(self, statement: Statement, notation: Callable[[Sequence[str]], Notation]) -> None:
         self.sides = SideWriter(statement, notation)
         self.notation = self.sides.notation
         self.setter = self.sides.setter
-        self.ruler = self.sides if self.notation.in_one_line else SideWriter(statement, PrintedWidth)
+        self.printed = self.sides if self.notation.in_one_line else SideWriter(statement, PrintedWidth)
 
     def formula(self, row: Formula) -> list[FormulaLine]:
-        """Return the lines of a formula, broken where it is wide.
+        """Return the lines of a formula.
 
-        A formula may have two right sides: the second begins on a new line, or is left out if it has the text of the
-        first.
+        A formula a = b = c has two right sides. The second one begins on a new line, or is left out if it has the same
+        text as the first one.
         """
         *before, last = row.sides
         if len(before) == 2 and isinstance(before[1], sympy.Expr):
             if self.sides.side(before[1]) == self.sides.side(last):
                 return self.formula(Formula((before[0], last)))
-            start = " " * width(self.ruler.side(before[0]))
+            start = " " * width(self.printed.side(before[0]))
             return [*self.formula(Formula(tuple(before))), *_lines(start, self.broken(last, WIDEST - len(start) - 3))]
         equals = self.notation.equals
         left = equals.join(self.sides.side(side) for side in before)
-        measured = left if self.ruler is self.sides else " = ".join(self.ruler.side(side) for side in before)
+        measured = left if self.printed is self.sides else " = ".join(self.printed.side(side) for side in before)
         if len(before) == 1 and isinstance(before[0], sympy.Expr) and self.apart(measured, last):
             lines = _lines("", self.broken(before[0], WIDEST))
-            if isinstance(last, sympy.Expr) and width(self.ruler.side(last)) > SHORT // 2:
+            if isinstance(last, sympy.Expr) and width(self.printed.side(last)) > SHORT // 2:
                 first, *more = self.broken(last, WIDEST)
                 return [*lines, *(FormulaLine("", line, goes_on=True) for line in (equals + first, *more))]
             whole = lines[-1].right + equals + self.sides.side(last)
@@ -182,11 +186,11 @@ class LineWriter:
         return _lines(left, self.broken(last, WIDEST - width(measured) - 3))
 
     def beside(self, rows: Sequence[Formula]) -> Iterator[list[Formula]]:
-        """Yield formulas in groups that fit side by side into one line each."""
+        """Yield groups of formulas; the formulas of a group fit side by side into one line."""
         group: list[Formula] = []
         room = 0
         for row in rows:
-            measured = " = ".join(self.ruler.side(side) for side in row.sides)
+            measured = " = ".join(self.printed.side(side) for side in row.sides)
             wide = max(map(width, measured.split("\n"))) + SHORT // 2
             if group and wide > room:
                 yield group
@@ -197,8 +201,8 @@ class LineWriter:
             yield group
 
     def apart(self, left: str, last: Any) -> bool:
-        """Return True if the last side is printed below the left side, because they do not fit into one line."""
-        right = width(self.ruler.side(last)) if isinstance(last, sympy.Expr) else 0
+        """Return True if the right side `last` goes below the text `left`, since both do not fit into one line."""
+        right = width(self.printed.side(last)) if isinstance(last, sympy.Expr) else 0
         return width(left) > WIDEST or (width(left) > WIDEST // 2 and width(left) + 3 + right > WIDEST)
 
     def broken(self, side: Any, room: int) -> list[str]:
@@ -206,18 +210,21 @@ class LineWriter:
         if not isinstance(side, sympy.Expr):
             return [self.sides.side(side)]
         plain = self.setter.plainly(side)
-        if plain.count_ops() <= SHORT or width(self.ruler.setter.piece(plain).text) <= room:
+        if plain.count_ops() <= SHORT or width(self.printed.setter.piece(plain).text) <= room:
             return [self.setter.piece(plain).text]
         if plain.is_Add:
             return list(self.sum_lines(plain, room))
         return self.product_lines(plain, room)
 
     def sum_lines(self, total: Any, room: int) -> Iterator[str]:
-        """Yield the lines of a sum. A term that is wider than a line starts on a new line and is broken."""
+        """Yield the lines of a sum; the first line has at most `room` columns.
+
+        A term that is wider than a line starts on a new line and is broken.
+        """
         line: list[tuple[bool, str]] = []
         first = True
         parts = self.setter.ordered(total)
-        measures = (text for _, text in self.ruler.setter.terms(total))
+        measures = (text for _, text in self.printed.setter.terms(total))
         for part, term, measured in zip(parts, self.setter.terms(total), measures, strict=True):
             wide = width(measured) + 3
             if line and wide > room:
@@ -234,10 +241,10 @@ class LineWriter:
             yield self.notation.signs(line, leading=first)
 
     def product_lines(self, product: Any, room: int, *, leading: bool = True) -> list[str]:
-        """Return the lines of a product with a long sum as a factor: the other factors, and the sum in parentheses.
+        """Return the lines of a product with a long sum as a factor: the other factors, then the sum in parentheses.
 
-        The sum begins on a new line if the other factors fill half of a line. `leading` is true if the product begins a
-        side of the formula, and has no plus sign.
+        The first line has at most `room` columns. The sum begins on a new line if the other factors fill half of a
+        line. With `leading` the product begins a side of the formula, and a positive product has no plus sign.
         """
         negative, above, below, number = self.setter.parts(product)
         sums = [base for base, exponent in above if base.is_Add and exponent == 1]
@@ -256,7 +263,7 @@ class LineWriter:
         front = self.setter.quotient(rest, below, number)
         closed = front.text if front.level == PRODUCT else self.notation.grouped(front, POWER)
         before = [] if front == unit else [closed]
-        front_width = 0 if self.notation.in_one_line else width(self.ruler.setter.quotient(rest, below, number).text)
+        front_width = 0 if self.notation.in_one_line else width(self.printed.setter.quotient(rest, below, number).text)
         separate = front_width > WIDEST // 2
         used = 2 if separate or not before else front_width if front_width > WIDEST // 3 else WIDEST // 5
         first, *more = self.sum_lines(longest, (WIDEST if separate else room) - used)
@@ -286,11 +293,11 @@ LEFT_OUT = {"full": (), "short": ("Positions and velocities", "Coordinate", "Mat
 """Sections that are left out at each level of detail."""
 
 ALONE = "Equations of motion"
-"""Section whose formulas are each printed on a line of their own in LaTeX; others have short ones side by side."""
+"""Heading of the section in which LaTeX prints one formula per line. In other sections short formulas share a line."""
 
 
 class Page(ABC):
-    """Base class of writers of derivations, one per markup language. Each writes formulas in its `notation`."""
+    """Base class of the writers of derivations, one per markup language; `notation` spells the formulas."""
 
     notation: ClassVar[type[Notation]] = Notation
 
@@ -316,7 +323,7 @@ class TextPage(Page):
     """Writer of plain text, spelled as in scene files: theta_dot for a velocity, theta_ddot for an acceleration."""
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return a derivation as plain text: the heading of each section, and its rows, indented."""
+        """Return a derivation as plain text: the heading of each section, and below it the indented rows."""
         lines = [plain_text(self.title)]
         lines += [plain_text(text) for text in (self.above.author, self.above.date, self.above.problem) if text]
         for section in sections:
@@ -352,7 +359,7 @@ class LatexPage(Page):
         "appear in L:": "appear in $L$:",
         "M a = h": "$M \\ddot q = h$",
     }
-    """LaTeX of the formulas that occur in sentences about the structure."""
+    """LaTeX formula for each formula in plain text that occurs in sentences about the structure of a system."""
 
     notation = LatexNotation
 
@@ -363,7 +370,7 @@ class LatexPage(Page):
         return f"\\begin{{{environment}}} " + " \\\\ ".join(rows) + f" \\end{{{environment}}}"
 
     def formula(self, *rows: Formula) -> str:
-        """Return formulas as LaTeX without dollar signs; several lines are aligned."""
+        """Return formulas as LaTeX without dollar signs; several lines are aligned at their equals signs."""
         lines = [line for row in rows for line in self.lines.formula(row)]
         if len(lines) > 1:
             return self.aligned(lines, "aligned")
@@ -454,10 +461,10 @@ class MarkdownPage(LatexPage):
 
 
 class HtmlPage(Page):
-    """An HTML page with MathML, whose sections fold; long sections are folded when the page opens."""
+    """Writer of an HTML page with MathML. Sections fold, and long ones are folded when the page opens."""
 
     cell = '<mtd style="text-align: {}">{}</mtd>'
-    """HTML of one cell of a formula on several lines; its alignment is right or left."""
+    """HTML template of one cell of a formula on several lines: its alignment, "right" or "left", and its content."""
 
     notation = MathmlNotation
 

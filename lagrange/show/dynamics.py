@@ -1,4 +1,4 @@
-"""Phase portraits, Poincare sections and bifurcations: public functions with their defaults, and their results."""
+"""Public functions for phase portraits, Poincare sections and bifurcations, with their defaults and their results."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ _MOST_PLACES = 8  # Largest number of equilibria or branches that a card lists
 
 
 class Drawn(ABC):
-    """Base class of results with a card and a picture.
+    """Base class of results with a card, the printed summary, and a picture.
 
-    `status` says whether the result is complete; `message` names what is missing.
+    `status` says whether the result is complete; `message` names the missing parts.
     """
 
     statement: Statement
@@ -134,10 +134,10 @@ class PoincareSection(Drawn, SectionData):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Bifurcation(Drawn, SweepData):
-    """Sampled states of settled motions along a parameter; a result of `lagrange.bifurcation`."""
+    """States of a driven system along a parameter, sampled after the transient; a result of `lagrange.bifurcation`."""
 
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure of the bifurcation diagram: points of the settled motion against the parameter.
+        """Return the figure of the bifurcation diagram: the sampled states against the parameter.
 
         `entry` is the entry of the state to draw.
         """
@@ -211,7 +211,7 @@ _Record = TypeVar("_Record")
 
 
 def shown_as(kind: type[_Record], data: Any) -> _Record:
-    """Return `data` as an instance of `kind`, a subclass of its class that adds a picture."""
+    """Return `data` as an instance of `kind`, a subclass of the class of `data` that adds a picture."""
     return kind(**{field.name: getattr(data, field.name) for field in fields(data)})
 
 
@@ -364,9 +364,10 @@ def _runs(
     progress: bool | str,
     max_steps: int | None = None,
 ) -> tuple[Model, Runs]:
-    """Return the compiled model of a system, and runs of it with the same options.
+    """Return the compiled model of a system, and the object that runs it with these options.
 
-    `step_options` is (method, rtol, step), and `default_rtol` the default of rtol for adaptive methods.
+    `step_options` is (method, rtol, step), each None for its default. `default_rtol` is the default of rtol for
+    adaptive methods, and `max_steps` the limit of steps of a run, None for the default.
     """
     method, rtol, step = step_options
     if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):

@@ -1,4 +1,4 @@
-"""The result of an ensemble: final states of all members, how each run ended, and the varied quantities."""
+"""Run a system from many starts: `lagrange.ensemble`, and its result with the final states and statuses of all runs."""
 
 from __future__ import annotations
 
@@ -86,12 +86,13 @@ MOST_DRAWN = 1_000_000
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ensemble:
-    """Runs of one model from many starts, or with many parameters; member i is the same in every array.
+    """Runs of one model, the members, from many starts or with many parameters; index i is the same member everywhere.
 
     `table` has the varied quantities, and `results` the results of all members. `columns` describe the kept
     quantities. `problem` is the run of the first member. `form` is a phrase on how members were run, such as "runs
-    one after the other". `ran` is the number of members run by this call; the others were in the store before, or
-    were not run. `wall` is the time of the call in seconds. `explain(i)` runs member i again for its message.
+    one after the other". `ran` is the number of members that this call ran; the other members were in the store
+    before, or were not run. `wall` is the time of the call in seconds. `explain(i)` runs member i again for its
+    message.
     """
 
     table: MemberTable
@@ -148,9 +149,9 @@ class Ensemble:
         return np.asarray(self.results.column(label) if row is None else self._kept(STATE, END)[:, row])
 
     def label(self, key: Any) -> str:
-        """Return the name of a row of `y`, a varied quantity or a kept quantity; `key` is its symbol, pair or name.
+        """Return the name of a row of `y`, of a varied quantity or of a kept quantity.
 
-        Raises StatementError for anything else.
+        `key` is the symbol or the name, or a pair such as ("max", theta). Raises StatementError for any other key.
         """
         label = key if isinstance(key, str) else reduction_label(key, self.model) or row_label(key)
         kept = [column.name for column in self.columns if column.name not in (STATE, OUTPUTS, STATUS)]
@@ -181,7 +182,7 @@ class Ensemble:
         return self.results.column(column)
 
     def given(self, name: Any) -> FloatArray:
-        """Return the values of a varied quantity, (members,). Raises StatementError if it does not vary."""
+        """Return the values of the varied quantity `name`, (members,). Raises StatementError if it does not vary."""
         return self.table.varied[name]
 
     @cached_property
@@ -200,7 +201,7 @@ class Ensemble:
 
     @property
     def steps(self) -> NDArray[np.int64]:
-        """Number of accepted steps of each member, (members,); it needs "counts" in keep."""
+        """Number of accepted steps of each member, (members,). Raises StatementError without "counts" in `keep`."""
         return np.asarray(self._kept("steps", COUNTS))
 
     @property
@@ -302,7 +303,7 @@ class Ensemble:
             yield column.name, rows, column.dimensions
 
     def _variables_of(self, column: Column) -> list[str]:
-        """Return the names of a column's variables in a Dataset; a column of states has a variable for each entry."""
+        """Return the names of the Dataset's variables for `column`; states have one variable for each entry."""
         if column.name not in (STATE, OUTPUTS):
             return [column.name]
         suffixed = column.name == STATE and self.problem.t_eval is not None
@@ -340,10 +341,10 @@ class Ensemble:
 
 @dataclass(frozen=True, repr=False)
 class Messages(Mapping[int, str]):
-    """Messages of members that did not succeed, by number. Most are computed at first use, by running the member alone.
+    """Messages of members that did not succeed, by index of the member.
 
-    Rounding may differ when a member runs alone. If its run then ends at another time, to six digits, the message is
-    derived from its final state in the ensemble.
+    Most messages are computed at first use, by running the member alone. Rounding may differ then. If the run ends at
+    another time, to six digits, the message is derived from the final state of the member in the ensemble.
     """
 
     ensemble: Ensemble
@@ -454,9 +455,10 @@ def ensemble(
 def _run(
     job: Job, table: MemberTable, threads: int, executor: Any, store: Any, *, began: float, progress: bool | str
 ) -> Ensemble:
-    """Run the members of a job that the folder `store` does not have yet, or all without a store; return the Ensemble.
+    """Run the members that the folder `store` does not have yet, and return the Ensemble. Without a store run all.
 
-    `threads` is the number of threads without an `executor`, and `began` the time at which the call began.
+    `job` is the run that all members share, and `table` the varied quantities. `threads` is the number of threads
+    without an `executor`. `began` is the clock time in seconds at which the call began.
     """
     problem, method = job.problem, job.options.method
     check_names(job.columns, problem.model.layout.names(), table.labels, store=store is not None)

@@ -1,4 +1,4 @@
-"""States between the outputs of a run without dense output, such as a run from a file, for pictures."""
+"""Interpolate states between the outputs of a run without dense output, such as a run from a file, for pictures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 PER_STEP, MOST_STORED = 4, 20_000
-"""States that a file stores for each step of a run besides its outputs, and their largest number: files stay small."""
+"""Number of states that a file stores per step in addition to the outputs, and the largest total: files stay small."""
 
 LARGEST_ERROR = 2e-3
 """Largest error of a coordinate between two outputs, relative to its largest change between neighbouring outputs.
@@ -37,15 +37,15 @@ def stored_between(run: Trajectory) -> dict[str, FloatArray]:
 
 
 def known_alone(run: Trajectory) -> OutputPath | None:
-    """Return the states of a run without dense output, with their times; None for a run with dense output."""
+    """Return the stored states and times of a run without dense output; None for a run with dense output."""
     return run.dense if isinstance(run.dense, OutputPath) and run.dense.path is None else None
 
 
 def states_for_pictures(solution: Solution, t: FloatArray) -> FloatArray:
-    """Return the states at times (K,) within a run, (2n, K): from its dense output, or else interpolated.
+    """Return the states (2n, K) of a run at times (K,): from its dense output, or interpolated if it has none.
 
-    Without dense output the coordinates between two outputs are polynomials of degree 5 through the coordinates,
-    velocities and accelerations of both. Raises StatementError if the outputs are too far apart for such polynomials.
+    Interpolated coordinates are polynomials of degree 5 through the coordinates, velocities and accelerations at two
+    outputs. Raises StatementError if the outputs are too far apart for such polynomials.
     """
     known_states = known_alone(solution.trajectory)
     if known_states is None or np.isin(t, known_states.times).all():
@@ -100,6 +100,5 @@ class _Between:
             index = apart[int(wrong.any(axis=0).argmax())]
             raise StatementError(
                 f"the states at t = {self.t[index]:.6g} and {self.t[index + 1]:.6g} are too far apart for a moving "
-                "picture, and the file has none between. Run the system "
-                "again, or write a run with more outputs."
+                "picture, and the file has none between. Run the system again, or write a run with more outputs."
             )

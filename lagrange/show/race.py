@@ -1,4 +1,4 @@
-"""The result of a race: a table, records, a figure of error against time, a file."""
+"""Race integration methods on a system: `lagrange.race`, its table, its figure of error against time, and its files."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _ROWS = 15
 """Largest number of methods in a column of the legend. With more columns the legend shows no settings."""
 
-_WIDTH = 125  # Letters per line below the picture
+_WIDTH = 125  # Characters per line of the text below the figure
 
 
 def plot(race: Race, style: Any = "light") -> Figure:
@@ -81,7 +81,7 @@ def plot(race: Race, style: Any = "light") -> Figure:
 
 
 def _below(race: Race, shown: list[Entry]) -> list[str]:
-    """Return the sentences below the picture of a race; `shown` are the runs in the picture."""
+    """Return the sentences below the figure of a race; `shown` are the runs that the figure shows."""
     failed = len(race) - len(shown)
     below = [f"Reference: {race.result.reference.about}, known to {race.uncertainty:.1e}."]
     below += [f"{failed} of {len(race)} runs did not reach the end and are not shown."] if failed else []
@@ -91,10 +91,11 @@ def _below(race: Race, shown: list[Entry]) -> list[str]:
 
 
 def _draw(axis: Axes, label: str, entries: list[Entry], look: LineStyle, style: FigureStyle) -> None:
-    """Draw the curve of one method: error against time of its `entries`.
+    """Draw the curve of one method: error against computing time of its runs `entries`.
 
-    `label` is its name in the legend, and `look` its colour, marker and line style. Markers of methods of other
-    libraries are open. An error below the uncertainty of the reference has an open marker, to which no line leads.
+    `label` is the method's name in the legend, and `look` its colour, marker and line style. `style` has the colours of
+    the figure. Methods of other libraries have open markers. An error smaller than the uncertainty of the reference has
+    an open marker, to which no line leads.
     """
     rival = entries[0].method.startswith(("scipy-", "cvode"))
     common: dict[str, Any] = {"color": look.colour, "marker": look.marker, "markersize": 5.5, "markeredgewidth": 1.0}
@@ -121,15 +122,15 @@ def _settings(entries: list[Entry]) -> str:
 
 
 def _short(size: float) -> str:
-    """Return a step size or tolerance with two digits, and small ones as 1e-9."""
+    """Return a step size or a tolerance as text with two digits, such as 0.025 or 1e-9."""
     mantissa, _, exponent = f"{size:.1e}".partition("e")
     return f"{size:.2g}" if 1e-2 < size < 1e3 else f"{mantissa.removesuffix('.0')}e{int(exponent)}"
 
 
 def _mark_limits(axis: Axes, race: Race, style: FigureStyle) -> None:
-    """Shade errors below the rounding floor, which no method in doubles reaches except by chance.
+    """Shade errors below `race.floor`, which no method in double precision reaches except by chance.
 
-    Nothing is shaded if the floor is below the picture.
+    Nothing is shaded if `race.floor` is below the lower end of the axis.
     """
     low, high = axis.get_ylim()
     if low < race.floor < float("inf"):
@@ -150,7 +151,7 @@ def _mark_limits(axis: Axes, race: Race, style: FigureStyle) -> None:
 
 
 COLUMNS = tuple(field.name for field in fields(Entry))
-"""Columns of the file and keys of a record: the fields of an `Entry`."""
+"""Columns of the CSV file and keys of a record: the fields of an `Entry`."""
 
 GOALS = tuple(10.0**-k for k in (3, 6, 9, 12))  # Errors for which the table gives the fastest method
 _FOLDED = 12  # Largest number of runs in a table that a notebook shows unfolded
@@ -197,14 +198,15 @@ class Race:
 
     @property
     def uncertainty(self) -> float:
-        """Bound on the error of the reference, in the same units as the errors; smaller errors are not reported."""
+        """Bound on the error of the reference run, in the same units as the errors; smaller errors are not reported."""
         return self.result.reference.uncertainty
 
     @property
     def floor(self) -> float:
-        """Rounding floor of the errors, in the same units as the errors.
+        """Smallest error that rounding allows, in the same units as the errors.
 
-        It is the change of the final state if the most sensitive state along the run is rounded to a double.
+        It is the change of the final state that results if the most sensitive state along the run is rounded to a
+        double.
         """
         return self.result.sensitivity.floor
 
@@ -228,7 +230,7 @@ class Race:
         return min(within, key=lambda entry: entry.time, default=None)
 
     def measure(self) -> str:
-        """Return a phrase that defines the errors, such as "largest error of the state at t = 10"."""
+        """Return a phrase that says how errors are measured, such as "largest error of the state at t = 10"."""
         count = len(self.result.reference.times)
         where = f"t = {self.span[1]:g}" if count == 1 else f"{count} times"
         return f"largest error of the state at {where}" + (", relative to each entry's size" if self.relative else "")
@@ -322,7 +324,7 @@ class Race:
 
 
 def setting(entry: Entry) -> str:
-    """Return the setting of an entry, its tolerance or step, as a text."""
+    """Return the tolerance or the step of a run as text, such as "tol = 1e-06" or "h = 0.01"."""
     return f"{'tol' if entry.adaptive else 'h'} = {entry.setting:.3g}"
 
 
@@ -359,20 +361,20 @@ def race(
 ) -> Race:
     """Measure error against time for integration methods, and return the Race: a table, a plot, a CSV file.
 
-    Runs of `system` are from the state `initial` to `t_end` with `parameters`; values that are not given are those
-    stated. `methods` are registered names or instances. The default is ten methods of lagrange and two of SciPy, one
-    or two of each kind; those that do not suit the system are left out with a note. Adaptive methods run at each of
-    `tolerances` (rtol; the absolute tolerance follows the scale), others at each of `steps`, whose default fits the
-    motion. An error is the largest of the final state, in the units of its entries. With `relative` each entry is
-    divided by its largest magnitude along the run. With `outputs`, a number of equally spaced times, errors are
-    measured at these times instead of the end; the runs then have the argument `t_eval`. Times are the least of
-    `repeats` warm runs, in seconds. If only the end counts they are times of `lg.flow`. A run that takes longer than
-    `max_wall` seconds is stopped, and finer settings are left out.
+    Each run of `system` starts at `initial` and ends at `t_end`; missing values and parameters are the stated ones.
+    `methods` are registered names or instances. The default is ten methods of lagrange and two of SciPy, one or two of
+    each kind; methods that do not suit the system are left out with a note. Adaptive methods run at each of
+    `tolerances` (rtol; the absolute tolerance follows the scale), other methods at each of `steps`, whose default fits
+    the motion. The error of a run is the largest error of an entry of the final state, in the units of that entry. With
+    `relative` each entry is divided by its largest magnitude along the run. With `outputs`, a number of equally spaced
+    times, errors are measured at these times instead of the end; the runs then have the argument `t_eval`. The time of
+    a run is the shortest of `repeats` warm runs, in seconds. Without `outputs` it is the time of `lg.flow`. A run that
+    takes longer than `max_wall` seconds is stopped, and finer settings are left out.
 
-    Errors are against a reference run with `digits` digits, 22 by default, that shares nothing with the compiled
-    code. A second reference run bounds the error of the first; smaller errors are not reported. `reference` replaces
-    the reference run by a final state (2n,), states (2n, outputs), or a method. Raises StatementError for invalid
-    arguments, RunError if the run has no end to compare, or there is no reference.
+    Errors are differences from a reference run with `digits` digits, 22 by default, that shares nothing with the
+    compiled code. A second reference run bounds the error of the first; smaller errors are not reported. `reference`
+    replaces the reference run by a final state (2n,), states (2n, outputs), or a method. Raises StatementError for
+    invalid arguments, RunError if the run has no end to compare, or there is no reference.
     """
     statement = stated(system, "kepler")
     statement.check_without_contacts("a race")

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and the format of CSV files."""
+"""Write files whole or not at all, name the reason if a file cannot be written, and format CSV files."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Writer = Callable[[BinaryIO], object]  # Callback that writes the content of an 
 
 
 def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
-    """Let `write` fill a temporary file in the same folder, sync it and move it to `path`; return the path.
+    """Write a file whole or not at all, and return its path. `write` receives an open file and writes the content.
 
-    After any failure `path` has either the whole new file or the old content. A link is followed; an existing file
-    keeps its permissions. Raises StatementError for a path that cannot be written, RunError if the disk is full or
-    fails.
+    The content goes to a temporary file in the same folder, which is synced to the disk and then moved to `path`. A
+    link is followed; an existing file keeps its permissions. Raises StatementError for a path that cannot be written,
+    RunError if the disk is full or fails.
     """
     target = real_path(path)
     try:
@@ -40,9 +40,10 @@ def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
 
 
 def filled_part(target: Path, write: Writer, mode: int | None) -> Path:
-    """Let `write` fill a new hidden file beside the target, with permissions `mode`, and return its path.
+    """Call `write` with a new hidden file in the folder of `target`, and return the path of the hidden file.
 
-    The file is synced to the disk. If `write` raises an exception, the file is removed.
+    The file has the permissions `mode`, None for the default, and is synced to the disk. If `write` raises an
+    exception, the file is removed.
     """
     part = target.with_name(f".{target.name[:32]}.{os.urandom(8).hex()}.part")
     try:
@@ -117,7 +118,10 @@ def old_mode(target: Path) -> int | None:
 
 
 def in_words(target: Path, error: OSError) -> StatementError | RunError:
-    """Return the error of this package for an OSError while `target` was written; its message says what to do."""
+    """Return the error to raise for the OSError `error`, which occurred while `target` was written.
+
+    Its message names the cause and says what to do.
+    """
     reason = _FULL.get(error.errno or 0)
     if reason:
         return RunError(

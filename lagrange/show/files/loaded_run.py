@@ -1,4 +1,4 @@
-"""Runs from files: read the Solution that `solution.to_npz` wrote."""
+"""Read a Solution from the npz file that `solution.to_npz` wrote."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory
 
 MOST_ARRAYS = 10_000
-"""Largest number of arrays in a file: those of a run are about ten, and two for each event."""
+"""Largest number of arrays in a file: a run has about ten, and two for each event."""
 
 UNREADABLE = (
     *(ValueError, KeyError, TypeError, AttributeError, IndexError, ArithmeticError, RuntimeError, MemoryError),
@@ -82,7 +82,10 @@ OUTPUTS_ALONE = "a file has the outputs of a run alone. Ask at these times, or r
 
 
 def loaded_run(path: Any, model_of: Callable[[Statement, str], Model]) -> Solution:
-    """Return the run in a file that `to_npz` wrote. `model_of(statement, target)` compiles the model."""
+    """Return the run in a file that `to_npz` wrote. `model_of(statement, target)` compiles the model.
+
+    Raises StatementError for a file that `to_npz` did not write.
+    """
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {with_type(path)}: give the path of a file.")
     arrays = arrays_of(path, machine_memory() / MEMORY_DIVISOR)
@@ -154,7 +157,7 @@ def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None
 
 
 def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:
-    """Return the states in the file of a run, with their times: at the outputs, and between them.
+    """Return the states in the file of a run with their times: the outputs `y` at `t`, and states between the outputs.
 
     Older files have no states between outputs.
     """

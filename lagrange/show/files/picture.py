@@ -1,4 +1,4 @@
-"""A figure as a picture file, and as PNG of limited size."""
+"""Write a figure as a PNG file, or as a PNG of limited size for a notebook."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ SCREEN_DPI = 80
 """Dots per inch in a notebook: the widest figure, 10.6 in, takes 848 pixels, as wide as a column of text."""
 
 MOST_BYTES = 300_000
-"""Largest picture in a notebook, in bytes. That of a double pendulum takes 90,000; thirty of them still make a notebook
-that can be mailed."""
+"""Largest picture in a notebook, in bytes. The picture of a double pendulum takes 90,000; a notebook with thirty
+pictures can still be mailed."""
 
 
 def picture(draw: Callable[[], Figure], dpi: int | None = None) -> Writer:

@@ -1,4 +1,4 @@
-"""Files of a run: tables for pandas and xarray, CSV, NumPy arrays, a picture, and a folder with several files."""
+"""Export a run as tables for pandas and xarray, CSV, NumPy arrays, a picture, or a folder with several files."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ def data_set(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[
 
 @contextmanager
 def optional_package(package: str, method: str) -> Iterator[None]:
-    """Return the context in which a method imports a package. It raises StatementError if this is not installed.
+    """Return a context manager for the import of an optional package, "pandas" or "xarray".
 
-    `package` is "pandas" or "xarray", and `method` is the name of the method for the message.
+    It raises StatementError if `package` is not installed. `method` is the name of the method in the message.
     """
     try:
         yield
@@ -92,9 +92,9 @@ def _csv(solution: Solution, file: BinaryIO) -> None:
 
 
 def columns_of(solution: Solution) -> dict[str, FloatArray]:
-    """Return the columns of a table of a run by name, (N,) each, with a value for each output.
+    """Return the columns of the table of a run by name, (N,) each, with a value for each output.
 
-    They are the state, parameters changed by events, and multipliers as lambda[name].
+    The columns are the entries of the state, the parameters that events change, and the multipliers as lambda[name].
     """
     rows = dict(zip(solution.names, solution.y, strict=True)) | _changed_parameters(solution)
     return rows | {str(multiplier(name)): row for name, row in solution.multipliers.items()}
