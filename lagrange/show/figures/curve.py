@@ -1,4 +1,4 @@
-"""Curves from dense output, exact within a pixel, and limits for runs that diverge."""
+"""Sample curves from the dense output, exact within a pixel, and choose the limits of axes, also for diverging runs."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 def around(values: FloatArray, scale: float = 0.0) -> tuple[float, float]:
     """Return the limits (low, high) of an axis around the finite values, with a margin.
 
-    If the values differ only by rounding noise, relative to the values or to `scale`, they are in the middle of the
-    axis, as a level line.
+    Values that differ only by rounding noise are in the middle of the axis, as a level line. The noise is relative to
+    the largest value, or to `scale` if that is larger.
     """
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
@@ -36,7 +36,10 @@ BLOWN_UP = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.SINGULAR, Status.DI
 """Statuses of runs whose values may have grown without bound; any other run is drawn whole."""
 
 SHOWN_SHARE = 0.9
-"""Least fraction of the time of which a panel shows the values. Above and below there is as much room again."""
+"""Fraction of the time for which a panel shows the values of a diverging run.
+
+The panel extends above and below these values by their range.
+"""
 
 OVERSHOOT = 0.15  # Distance by which lines continue beyond a panel, as a fraction of its height
 
@@ -48,7 +51,7 @@ _SAMPLES = 2001
 
 @dataclass(frozen=True)
 class AxisWindow:
-    """Limits (low, high) of a panel for a run whose values leave them, and `largest`, the largest value outside."""
+    """Limits `low` and `high` of a panel for a run whose values leave the panel; `largest` is the largest value."""
 
     low: float
     high: float
@@ -60,18 +63,17 @@ class AxisWindow:
         return f"shown: {SHOWN_SHARE:.0%} of the time; then up to {self.largest:.1e}"
 
     def clipped(self, rows: FloatArray) -> FloatArray:
-        """Return rows of values, cut at a lowest and a highest value a little outside of the panel."""
+        """Return rows of values, with larger and smaller ones replaced by limits a little outside of the panel."""
         room = OVERSHOOT * (self.high - self.low)
         return np.clip(rows, self.low - room, self.high + room)
 
 
 def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
-    """Return the limits of a panel with some values of a run, or None if the panel shows all values.
+    """Return the limits of a panel for a run whose values grow without bound, or None if the panel shows all values.
 
     `values(t)` returns the rows of values, (r, K), at times (K,). Two quantiles enclose the values for `SHOWN_SHARE`
-    of the time. The limits are these quantiles, each moved outwards by their distance, or less if no value is so far
-    away. None is returned for a run that did not end at a singularity, and for a run whose values are all within the
-    limits.
+    of the time. Each limit is a quantile, moved outwards by the distance of the two quantiles; it is nearer if no value
+    is so far away. The result is None if the run did not end at a singularity, and if all values are within the limits.
     """
     if solution.status not in BLOWN_UP or len(solution.t) < 2:
         return None
@@ -98,10 +100,10 @@ def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
 
 
 def times_in_sight(solution: Solution, values: Rows) -> tuple[FloatArray, str]:
-    """Return the times (K,) at which a curve is sampled first, and a note if the run leaves the panel of the curve.
+    """Return the times (K,) at which a curve in a plane or in space is sampled first, and a note or "".
 
-    The curve is in a plane or in space. `values(t)` returns the d coordinates of one or several points, (d, K) or (d,
-    p, K). The times end before the first time at which a coordinate is outside of its limits.
+    `values(t)` returns the d coordinates of one or several points, (d, K) or (d, p, K). The times end before the first
+    time at which a coordinate is outside of the limits of the panel; the note reports this.
     """
     t = first_times(solution.trajectory)
     rows = values(t)
@@ -120,10 +122,10 @@ def times_in_sight(solution: Solution, values: Rows) -> tuple[FloatArray, str]:
 
 
 def limits_of(windows: Sequence[AxisWindow | None], drawn: Sequence[FloatArray]) -> tuple[float, float] | None:
-    """Return the limits of a panel for several curves, or None if all curves are shown whole.
+    """Return the limits of a panel for several curves, or None if the panel shows all curves completely.
 
-    `windows` has the limits in which each curve is shown, None for a curve that is shown whole. `drawn` has the
-    values of each curve.
+    `windows` has the limits for each curve, None for a curve that is shown completely. `drawn` has the values of each
+    curve.
     """
     if all(window is None for window in windows):
         return None
@@ -139,32 +141,33 @@ Points = Callable[[FloatArray], FloatArray]
 """Function from times (K,) to p points of the plane at each, (p, 2, K)."""
 
 TOLERANCE = 0.3
-"""Largest distance in pixels from a chord to the curve; a chord with a larger one is halved. Halving leaves about a
-quarter. The largest distance measured over all scenes and 1,000 periods is 0.3."""
+"""Largest distance in pixels from a chord to the curve. Chords with a larger distance are halved, which divides it by
+about four. The largest distance measured over all scenes and 1,000 periods is 0.3."""
 
 MOST_SAMPLES = 2**18
-"""Largest number of samples of a curve; chords that are still inexact then remain. It was reached only for rounding
-noise and after 10,000 periods, where each column of pixels has the smallest and the largest of 100 samples."""
+"""Largest number of samples of a curve. Refinement stops there, even if a chord is still inexact. Only rounding noise
+and runs of 10,000 periods reached it; then each column of pixels has the smallest and the largest of 100 samples."""
 
 _MOST_VALUES = 2**25  # Largest number of coordinates of all samples: 256 MB
 
 _EACH_STEP, _FEWEST, _MOST_FIRST = 12, 500, 120_000
-"""Initial samples per step, and the least and largest number of them: a step of order 30 covers three periods."""
+"""Samples per step before refinement, and the least and largest number of them for a curve. A step of order 30 can
+cover three periods."""
 
 MOST_ROUNDS = 60
 """Largest number of times that intervals are halved. Fewer divide any interval down to the least length."""
 
 _SHARE = 0.47
-"""Point at which an interval is divided, as a fraction of its length. It is not 0.5: a symmetric turning point would
-lie on the middle."""
+"""Point at which an interval is divided, as a fraction of its length. With 0.5 a curve that is point-symmetric about the
+middle of its chord would seem to lie on the chord."""
 
 _LEAST = 1e-9  # Intervals shorter than this fraction of the span are not divided: the values jump there
 
 LEVEL_RANGE = 1e-9
-"""Range of values, relative to the largest, below which they are drawn as a level line: the rest is rounding noise."""
+"""Values whose range is below this fraction of the largest value are drawn as a level line: they are rounding noise."""
 
 _COLUMNS = 2
-"""Columns per pixel. In each column a line has the first, the last, the smallest and the largest value."""
+"""Columns per pixel of width. In each column a line keeps its first, last, smallest and largest value."""
 
 
 @dataclass(frozen=True)
@@ -176,10 +179,10 @@ class Pixels:
 
 
 def first_times(run: Trajectory) -> FloatArray:
-    """Return the times at which a curve is sampled first, (K,): all outputs, and times between the steps.
+    """Return the times (K,) at which a curve is sampled first: all outputs, and times between the outputs.
 
-    If there are very many outputs, some are selected at irregular distances. Equal distances could be in step with an
-    oscillation.
+    Of very many outputs some are selected, at irregular distances. With equal distances an oscillation could look
+    slower than it is.
     """
     t = run.t
     if len(t) > MOST_SAMPLES:
@@ -199,12 +202,12 @@ def outputs_alone(run: Trajectory) -> bool:
 
 
 def over_time(values: Rows, t: FloatArray, pixels: Pixels, *, rounds: int = MOST_ROUNDS) -> list[FloatArray]:
-    """Return a line for each row of values: its corners (2, K), with times first, exact within a pixel.
+    """Return a line for each row of values, exact within a pixel. A line is (2, K): times, then values.
 
-    `values(t)` returns the rows (r, K) at times (K,). A line begins at the first of the times `t` and ends at the last,
-    which may be earlier. The rows fill a panel of the size `pixels` together. Where several oscillations are in one
-    column of pixels, the line has their exact minimum and maximum. Intervals are halved at most `rounds` times; few are
-    enough for values that are rounding noise.
+    `values(t)` returns the rows (r, K) at times (K,). A line begins at the first of the times `t` and ends at the last
+    one, which may be smaller. All rows together fill a panel of the size `pixels`. Where several oscillations are in
+    one column of pixels, the line has their exact minimum and maximum. Intervals are divided at most `rounds` times; a
+    few times are enough for values that are rounding noise.
     """
     rows = values(t)
     span = abs(float(t[-1] - t[0])) if len(t) else 0.0
@@ -214,9 +217,10 @@ def over_time(values: Rows, t: FloatArray, pixels: Pixels, *, rounds: int = MOST
 
 
 def in_plane(points: Points, t: FloatArray, pixels: Pixels) -> tuple[FloatArray, FloatArray]:
-    """Return times (K,) and points of the plane (p, 2, K), whose polylines are exact within a pixel.
+    """Return times (N,) and points of the plane (p, 2, N), whose polylines are exact within a pixel.
 
-    `points(t)` returns the points at times (K,). They fill a panel of the size `pixels`.
+    `points(t)` returns the points (p, 2, K) at times (K,). All points together fill a panel of the size `pixels`.
+    `t` are the times at which the points are sampled first.
     """
     coordinates = points(t)
     return _refined(points, t, coordinates, _scale(pixels, _extents(coordinates, axis=(0, 2)), len(coordinates)))
@@ -231,9 +235,9 @@ def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
 
 
 def _scale(pixels: Pixels, extents: FloatArray, count: int) -> FloatArray:
-    """Return the pixels per unit to the right and up for each of `count` curves with the ranges `extents` (2,).
+    """Return the pixels per unit to the right and up, (count, 2), for curves with the ranges `extents` (2,) together.
 
-    They are 0 in a direction without extent.
+    A direction in which the curves have no extent has 0 pixels per unit.
     """
     size = np.array([pixels.width, pixels.height])
     return np.broadcast_to(np.divide(size, extents, out=np.zeros(2), where=extents > 0), (count, 2))
@@ -250,8 +254,8 @@ def _refined(
     """Return times (N,) and points (p, 2, N) of p curves, dense enough that every chord is exact within a pixel.
 
     `points(t)` returns the points at times (K,); `samples` (p, 2, K) are the points at the initial times `t` (K,).
-    `scale` (p, 2) is the number of pixels per unit. In each of at most `rounds` rounds, intervals are divided that
-    are next to an inexact chord, or to a turning point whose extreme value is missed.
+    `scale` (p, 2) is the number of pixels per unit. Each of at most `rounds` rounds divides the intervals next to an
+    inexact chord, or next to an extremum that the samples miss.
     """
     most = min(MOST_SAMPLES, _MOST_VALUES // max(2 * len(samples), 1))
     least = _LEAST * abs(float(t[-1] - t[0])) if len(t) else 0.0
@@ -271,12 +275,13 @@ def _refined(
 
 
 def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
-    """Return for each interval of times (K,) True if it is next to an extreme value that the samples miss, (K - 1,).
+    """Return a flag for each interval of the times `t` (K,): True if it is next to an extremum that the samples miss.
 
-    `pixels` (p, 2, K) are samples of p curves, in pixels. Where a coordinate turns back, its extreme value is that of
-    the parabola through three samples. It is missed if it is over `TOLERANCE` pixels from the middle one. The
-    distance of curves from chords is not a sufficient test. Where many oscillations are in one column of pixels, the
-    curve is almost vertical and lies on its chord, however far it continues.
+    The flags are (K - 1,). `pixels` (p, 2, K) are samples of p curves, in pixels. Where a coordinate turns back, the
+    extremum is estimated by the parabola through three samples. The samples miss it if it is more than `TOLERANCE`
+    pixels from the middle sample. The distance of a curve from its chords is not a sufficient test. Where many
+    oscillations are in one column of pixels, the curve is almost vertical. It then lies on its chords, even if it
+    continues beyond them.
     """
     flags = np.zeros(max(len(t) - 1, 0), dtype=bool)
     with np.errstate(all="ignore"):
@@ -292,7 +297,7 @@ def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
 
 
 def with_neighbours(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return flags (K,) that are True where a flag, or the flag before or after, is True."""
+    """Return flags (K,) that are True where one of `flags` (K,) or a neighbour of it is True."""
     wider = flags.copy()
     wider[1:] |= flags[:-1]
     wider[:-1] |= flags[1:]
@@ -300,9 +305,10 @@ def with_neighbours(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _distance(middle: FloatArray, begin: FloatArray, end: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the largest distance in pixels of each point `middle` from the chord between two other points, (K,).
+    """Return the distance (K,) in pixels of the points `middle` from the chord between the points `begin` and `end`.
 
-    Points are (p, 2, K); the distance is the largest among the p points, and 0 if it has no value.
+    Each argument has the points of p curves, (p, 2, K). The distance is the largest one among the curves, and 0 if it
+    has no value. `scale` (p, 2) is the number of pixels per unit.
     """
     with np.errstate(all="ignore"):
         chord, away = (end - begin) * scale[:, :, None], (middle - begin) * scale[:, :, None]
@@ -313,10 +319,10 @@ def _distance(middle: FloatArray, begin: FloatArray, end: FloatArray, scale: Flo
 
 
 def thinned(t: FloatArray, row: FloatArray, pixels: Pixels) -> FloatArray:
-    """Return values (N,) at times (N,) as a line (2, K): in each column of pixels the first, last, least and largest.
+    """Return values (N,) at times (N,) as a line (2, K) that covers the same pixels as the line through all values.
 
-    The line covers the same pixels as the line through all values: U. Jugel et al., M4: a visualization-oriented time
-    series data aggregation, VLDB Endowment 7 (2014) 797.
+    It has the first, last, least and largest value in each column of pixels: U. Jugel et al., M4: a
+    visualization-oriented time series data aggregation, VLDB Endowment 7 (2014) 797.
     """
     columns = int(_COLUMNS * pixels.width)
     if len(t) <= 4 * columns:

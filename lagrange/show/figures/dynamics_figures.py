@@ -1,4 +1,4 @@
-"""Figures of phase portraits, sections, bifurcations and modes, of eigenvalues, and of the stability of methods."""
+"""Draw phase portraits, Poincare sections, bifurcations, modes, eigenvalues, and stability regions of methods."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 
 PANEL_WIDTH, PANEL_HEIGHT = 1000.0, 800.0  # Size of the panel in pixels, at 160 dots per inch
-ARROW = 0.62  # Length of an arrow of the field, as a part of the distance to the next one
+ARROW = 0.62  # Length of an arrow of the field, as a fraction of the distance between arrows
 
 _MARKERS = {
     "saddle": ("X", "paper"),
@@ -122,9 +122,9 @@ def _field(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
 
 
 def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]:
-    """Return the two coordinates of an orbit on the plane, (k,) each, exact within a pixel.
+    """Return an orbit as a line on the plane of the portrait, x and y (k,), exact within a pixel.
 
-    NaN separates the pieces of the line: it is cut where an angle wraps.
+    The line is cut where an angle wraps; NaN separates its pieces.
     """
     first, second = portrait.plane
     rows = [first.row, second.row]
@@ -190,14 +190,14 @@ def _frame(axis: Axes, ax: Any, portrait: PortraitData, look: FigureStyle) -> No
 
 
 LARGEST_POINT, SMALLEST_POINT = 6.0, 0.5
-"""Largest and smallest diameter of points, in typographic points: for a hundred points, and for a hundred thousand."""
+"""Largest and smallest diameter of the dots of a section, in typographic points. Many crossings have small dots."""
 
 
 def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a Poincaré section: a colour for each orbit, and the border of the allowed region.
+    """Return the figure of a Poincaré section: a colour for each orbit, and the border of the region of its energy.
 
-    It is the region that the energy allows. `x` and `y` are the entries of the state on the axes, None for the
-    defaults. `ax` are axes of the user, None for a new figure.
+    `x` and `y` are the entries of the state on the axes, None for the defaults. `ax` are axes of the user, None for a
+    new figure. `style` is "light" or "dark". Raises StatementError for a section without points.
     """
     look, statement = style_of(style), section.statement
     if not len(section.points):
@@ -223,7 +223,7 @@ def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> F
 
 
 def _wrapped(statement: Statement, states: FloatArray, columns: list[int]) -> list[FloatArray]:
-    """Return the two entries `columns` of states (..., 2n), (...,) each; angles are between -pi and pi."""
+    """Return the entries with the indices `columns` of states (..., 2n), (...,) each, with angles from -pi to pi."""
     return [wrapped(states[..., k], -np.pi) if is_angle(statement, k) else states[..., k] for k in columns]
 
 
@@ -238,7 +238,11 @@ def _where(section: SectionData) -> str:
 
 
 def plot_sweep(sweep: SweepData, entry: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a bifurcation diagram: the entry `entry` of sampled states against the parameter."""
+    """Return the figure of a bifurcation diagram: sampled states against the parameter.
+
+    `entry` is the entry of the state to draw, None for the default. `ax` are axes of the user, None for a new figure.
+    `style` is "light" or "dark". Raises StatementError for a diagram without states.
+    """
     look, statement = style_of(style), sweep.statement
     row = row_of(statement, sweep.axes[0] if entry is None else entry, "entry")
     valid = np.isfinite(sweep.states[..., row])
@@ -275,7 +279,11 @@ def _parameter_axis(axis: Axes, statement: Statement, parameter: str, values: Fl
 
 
 def plot_branches(data: BranchesData, entry: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of equilibria: coordinate `entry` against the parameter, dashed where they are unstable."""
+    """Return the figure of equilibria: a coordinate against the parameter, dashed where an equilibrium is unstable.
+
+    `entry` is the coordinate, None for the default. `ax` are axes of the user, None for a new figure. `style` is
+    "light" or "dark". Raises StatementError for a velocity, and if there are no branches.
+    """
     look, statement = style_of(style), data.statement
     row = row_of(statement, data.axis if entry is None else entry, "entry")
     if row >= len(statement.names) or not data.branches:
@@ -312,9 +320,10 @@ LARGEST_DISPLACEMENT = 0.22
 
 
 def plot_modes(shapes: ModeShapes, ax: Any, style: Any) -> Figure:
-    """Return the figure of modes: a row for each, with its components as bars and, if positions are stated, its shape.
+    """Return the figure of modes: in each row the components of a mode as bars, and its shape if positions are stated.
 
-    On axes `ax` of the user the components of all modes are bars side by side.
+    On axes `ax` of the user the components of all modes are bars side by side. `style` is "light" or "dark". Raises
+    StatementError if there are no modes.
     """
     look = style_of(style)
     if not len(shapes.components):
@@ -381,9 +390,10 @@ def _all_bars(axis: Axes, shapes: ModeShapes, look: FigureStyle) -> None:
 
 
 def _seen(shapes: ModeShapes) -> tuple[dict[str, FloatArray], dict[str, FloatArray], float]:
-    """Return the points at rest by name, (2,) each, their displacements (m, 2) in m modes, and the points' extent.
+    """Return three values, all projected to the plane of the picture, from which the shapes of m modes are drawn.
 
-    Points and displacements are projected to the plane.
+    The first value has the positions at rest by name, (2,) each. The second one has the displacements of each point in
+    all modes by name, (m, 2) each. The third one is the extent of the positions at rest.
     """
     swept = {
         name: np.column_stack([point, point[:, None] + shapes.displacements[name].T])
@@ -404,8 +414,7 @@ def _shape(
 ) -> None:
     """Draw mode number `k`: the positions at rest in a pale colour, and the displaced positions with arrows.
 
-    `seen` has the points at rest by name, (2,) each, their displacements in all modes, (m, 2) each, and the extent of
-    the points.
+    `seen` is the result of `_seen`: positions at rest, displacements, and extent.
     """
     points, moved, extent = seen
     largest = max(float(np.linalg.norm(rows[k])) for rows in moved.values())
@@ -446,9 +455,9 @@ def _shape(
 
 
 def plot_eigenvalues(path: EigenvaluePath, style: Any = "light") -> Figure:
-    """Return a figure of the real and imaginary parts of eigenvalues along a parameter.
+    """Return a figure of the real and imaginary parts of eigenvalues along a parameter; `style` is "light" or "dark".
 
-    A real part above zero means that the equilibrium is unstable.
+    The equilibrium is unstable where a real part is positive.
     """
     look = style_of(style)
     figure = new_figure(figsize=(7.2, 6.0), layout="constrained")
@@ -470,13 +479,13 @@ _POINTS = 401
 def plot_stability(
     *methods: Any, left: float = -8.0, right: float = 4.0, top: float = 7.0, style: str = "light"
 ) -> Figure:
-    """Return a figure of the stability boundaries of methods in the complex plane of the rate times the step.
+    """Return a figure of the stability boundaries of methods in the complex plane of the eigenvalue times the step.
 
-    `methods` are names or instances. A rate is an eigenvalue of a linear system. The real part is shown between
-    `left` and `right`, the imaginary part between -`top` and `top`. A step is stable to the left of its boundary, or
-    inside it. The region where every method is stable is shaded. Raises StatementError for a method without steps of
-    its own, and for a splitting. A splitting has no damping and is stable only on a part of the imaginary axis, which
-    `lg.methods.stability` returns.
+    `methods` are names or instances of methods. The eigenvalue is that of a linear system y' = A y. The real part is
+    shown between `left` and `right`, the imaginary part between -`top` and `top`. A method is stable to the left of its
+    boundary, or inside it. The region where every method is stable is shaded. Raises StatementError for a splitting and
+    for a solver of another library. A splitting has no damping and is stable only on a part of the imaginary axis,
+    which `lg.methods.stability` returns.
     """
     look = style_of(style)
     left, right, top = real_number(left, "left"), real_number(right, "right"), real_number(top, "top")

@@ -1,4 +1,4 @@
-"""Figures of an ensemble, and the quantities that they show."""
+"""Draw an ensemble as a map, a curve, a histogram or a fan of quantiles, and choose the drawn quantity."""
 
 from __future__ import annotations
 
@@ -39,9 +39,10 @@ _EVENT = re.compile(r"t_event_([0-9]+)")
 
 @dataclass(frozen=True, eq=False)
 class MemberQuantity:
-    """Values of a quantity, one per member, (members,).
+    """A quantity with one value per member: `values` (members,), NaN if the member failed or has no value.
 
-    A value is NaN if the member failed or has no value. `angle` is true for an angle, wrapped to between -pi and pi.
+    `label` is the label of its axis. `failed` (members,) is true for members without a complete run; `unrun` is the
+    number of members that were not run. `angle` is true for an angle, wrapped to between -pi and pi.
     """
 
     name: str
@@ -53,7 +54,7 @@ class MemberQuantity:
 
     @property
     def remark(self) -> str:
-        """Sentence about members that the picture does not show; empty if it shows all."""
+        """Sentence about members that the picture does not show; empty if it shows all members."""
         sentences, members = [], len(self.values)
         lost = int(self.failed.sum()) - self.unrun
         none = int((~np.isfinite(self.values) & ~self.failed).sum())
@@ -67,7 +68,7 @@ class MemberQuantity:
 
 
 def quantity(runs: Ensemble, name: str) -> MemberQuantity:
-    """Return the quantity to draw, by name. Raises StatementError if it has more than one number for each member."""
+    """Return the quantity `name` for a picture. Raises StatementError if it has several numbers for each member."""
     statement = runs.model.statement
     codes = np.asarray(runs.results.column(STATUS))
     row = runs.names.index(name) if name in runs.names else None
@@ -126,9 +127,9 @@ def first_drawn(runs: Ensemble) -> str:
     return event_times(0) if event_times(0) in kept else TIME
 
 
-Values = FloatArray | MemberNumbers  # Values along an axis: stated values, or numbers of members
-BANDS = ((0.05, 0.95), (0.25, 0.75))  # Quantiles between which a fan is shaded; the wider band is paler
-FAN_LINES = 12  # Largest number of members that are drawn as separate lines in a fan
+Values = FloatArray | MemberNumbers  # Values along an axis: stated values, or indices of members
+BANDS = ((0.05, 0.95), (0.25, 0.75))  # Quantiles over time between which the figure is shaded; the wider band is paler
+FAN_LINES = 12  # Largest number of members that are drawn over time as separate lines instead of quantiles
 BINS = 60  # Largest number of bins of a histogram
 
 MOST_CROSSES = 200
@@ -139,7 +140,11 @@ EVEN_SPACING = 1e-9
 
 
 def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of `what`, a row of `y` or a kept quantity, against the varied quantities."""
+    """Return the figure of `what`, a row of `y` or a kept quantity, against the varied quantities.
+
+    `ax` are axes of the user, None for a new figure; `style` is "light" or "dark". Raises StatementError if more than
+    two quantities vary, and if no member has a value.
+    """
     look, label = style_of(style), first_drawn(runs) if what is None else runs.label(what)
     axes = {name: values for name, values in runs.table.varied.axes.items() if len(values) > 1}
     over_time = label in runs.names and any(column.name == OUTPUTS for column in runs.columns)
@@ -175,9 +180,9 @@ def _title(runs: Ensemble, subject: str) -> str:
 
 
 def _map(axis: Axes, runs: Ensemble, axes: Mapping[str, Values], quantity: MemberQuantity, look: FigureStyle) -> str:
-    """Draw a map of a quantity over the two varied quantities `axes`, and return the remark below it.
+    """Draw a coloured map of a quantity over the two varied quantities, and return the sentence below the map.
 
-    The first varied quantity is on the horizontal axis.
+    `axes` has the values of the varied quantities by name; the first one is on the horizontal axis.
     """
     from matplotlib.colors import ListedColormap
 
@@ -214,9 +219,9 @@ def _map(axis: Axes, runs: Ensemble, axes: Mapping[str, Values], quantity: Membe
 
 
 def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> ScalarMappable:
-    """Draw a coloured cell for each value (k, m) at x (m,) and y (k,); equally spaced cells are drawn as an image.
+    """Draw the values (k, m) as coloured cells at x (m,) and y (k,), and return the artist for a colour bar.
 
-    `look` are options of Matplotlib for the colours.
+    Equally spaced cells are drawn as an image. `look` are Matplotlib's options for the colours.
     """
     steps = np.diff(x), np.diff(y)
     if all(step[0] > 0 and np.ptp(step) <= EVEN_SPACING * step.sum() for step in steps):
@@ -227,7 +232,7 @@ def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> Scalar
 
 
 def _curve(axis: Axes, runs: Ensemble, axes: Mapping[str, Values], quantity: MemberQuantity, look: FigureStyle) -> None:
-    """Draw a quantity of the members against `axes`, the only varied one; a cross marks each failed member."""
+    """Draw a quantity of the members against the varied quantity in `axes`; a cross marks each failed member."""
     ((varied, values),) = axes.items()
     dot = "." if len(values) <= 100 else ""
     axis.plot(values, quantity.values, color=look.colours[0], linewidth=widths.CURVE, marker=dot)

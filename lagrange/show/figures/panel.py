@@ -1,4 +1,4 @@
-"""Panels of a figure: their quantities, their axes, curves over time and in a plane."""
+"""Draw one panel of a run's figure: quantities over time, or a phase plane, with labels, legend and limits."""
 
 from __future__ import annotations
 
@@ -69,11 +69,11 @@ Values = Callable[["Solution"], FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class PanelQuantity:
-    """Quantity in one panel over time: rows of values, their labels in mathematics or words, and the unit.
+    """A quantity of r rows for one panel over time: `values(run)` returns the rows at the outputs of a run, (r, N).
 
-    `values(run)` returns the rows at the outputs of a run, (r, N). `name` is the title of the panel. If it is empty,
-    the only label is written beside the panel. `drift` is true if the values are the change of a conserved quantity,
-    which measures the error of the steps.
+    `labels` are the labels of the rows, in mathematics or words, and `unit` is their common unit. `name` is the title
+    of the panel; if it is empty, the only label is written beside the panel. `drift` is true if the values are the
+    change of a conserved quantity, which is an error of the method.
     """
 
     name: str
@@ -84,9 +84,9 @@ class PanelQuantity:
 
 
 def entries(solution: Solution, chosen: Sequence[str], *, merged: bool, rate: bool) -> list[PanelQuantity]:
-    """Return quantities for panels of the chosen coordinates, or of their velocities with `rate`.
+    """Return the quantities for panels of the coordinates `chosen`, or of their velocities with `rate`.
 
-    There is one coordinate per panel, several if there are many coordinates, and all in one panel with `merged`.
+    A panel has one coordinate. With more than `PANELS` coordinates several share a panel, and with `merged` all do.
     """
     together = len(chosen) if merged else ceil(len(chosen) / PANELS)
     groups = [chosen[k : k + together] for k in range(0, len(chosen), together)]
@@ -145,7 +145,7 @@ def energy(solution: Solution) -> PanelQuantity:
 
 
 def momenta(solution: Solution) -> PanelQuantity | None:
-    """Return the changes of momenta from their first values, for ignorable coordinates; None if there are none."""
+    """Return the changes of conserved momenta, of ignorable coordinates, from their first values; None without any."""
     names = list(solution.momentum_drift)[:MOST_LINES]
     if not names:
         return None
@@ -184,7 +184,10 @@ def invariants(solution: Solution) -> list[PanelQuantity]:
 
 
 def multipliers(solution: Solution) -> list[PanelQuantity]:
-    """Return the multiplier of each constraint over time, one quantity for each."""
+    """Return one quantity for each constraint: its multiplier over time.
+
+    Raises StatementError for a system without constraints.
+    """
     if not solution.multipliers:
         raise StatementError(f"{solution.model.statement.name} has no constraints, and so no multipliers to plot.")
     return [
@@ -242,29 +245,29 @@ def figure_of(ax: Any) -> Figure:
 
 
 def say_below(figure: Figure, ax: Any, style: FigureStyle, message: str) -> None:
-    """Write a sentence below a figure, unless `ax` are axes of the user."""
+    """Write the sentence `message` below a figure, unless it is empty or `ax` are axes of the user."""
     if ax is None and message:
         lines = "\n".join(textwrap.wrap(message, round(13 * figure.get_size_inches()[0])))
         figure.supxlabel(lines, x=0.01, ha="left", fontsize=8, color=style.quiet)
 
 
 def label_of_entry(statement: Statement, name: str) -> str:
-    """Return the label of an axis for an entry of the state, with its unit; a velocity has a dot."""
+    """Return the label of an axis for the entry `name` of the state, with its unit; a velocity has a dot."""
     return with_unit(f"${entry(statement, name)}$", unit_of(statement, name))
 
 
 def entry(statement: Statement, name: str, *, rate: bool = False) -> str:
-    """Return the symbol of an entry of the state, or of its rate, as mathematics without a unit."""
+    """Return the LaTeX symbol of the entry `name` of the state, or of its time derivative if `rate`."""
     velocity = name not in statement.names
     symbol = LatexNotation(statement.names).letter(name.removesuffix("_dot") if velocity else name, velocity + rate)
     return re.sub(r"ot(\\[A-Za-z]+)", r"ot{\1}", symbol)  # Matplotlib centres dots above a group
 
 
 def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[tuple[FloatArray, FloatArray]]:
-    """Wrap a line x (k,), y (k,) with an angle x to the range from `low` to `high`; return the wrapped lines.
+    """Wrap a line with an angle `x` (k,) and heights `y` (k,) to angles from `low` to `high`; return the lines.
 
-    Where the line leaves the range at one end it continues at the other end, after a NaN. If the range is longer than
-    2 pi, there is a copy of the wrapped line for each further interval of 2 pi.
+    A line that leaves the range at one end continues at the other end, after a NaN. If the range is longer than 2 pi,
+    the result has a copy of the wrapped line for each further interval of 2 pi.
     """
     turns = np.floor((x - low) / TURN)
     at = np.nonzero(np.diff(turns))[0]
@@ -280,7 +283,7 @@ def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[
 
 
 _ROUND_OFF = 1e-15  # Relative drift below which the values are rounding noise, and do not fill a panel
-_MORE = 2.0  # Error of the dense output is shown if its drift exceeds that of the steps by this factor
+_MORE = 2.0  # Factor by which a drift between the steps must exceed the drift at the steps to be an interpolation error
 
 _DRIFT_ROUNDS = 3
 """Largest number of times that intervals are halved for a drift. Its rounding noise never becomes smooth."""
@@ -290,10 +293,10 @@ _FEW = 3  # Fewer points than this are drawn as dots, because they form no line
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Lines (2, K) of a quantity of one run for one panel, and a note.
+    """Lines (2, K) of a quantity of one run for one panel, and a note above the panel.
 
-    `dots` is true if they are drawn as dots at the steps. `window` are the limits of a panel that does not show all
-    values, else None.
+    `dots` is true if the lines are drawn as dots at the steps. `window` has the limits of a panel that does not show
+    all values; it is None if the panel shows all.
     """
 
     lines: list[FloatArray]
@@ -306,7 +309,8 @@ class Curves:
 class TimePanel:
     """Panel of one quantity over time, for one or several runs of systems with the same coordinates.
 
-    `labels` are the names of the runs in the legend.
+    `quantities` has the quantity for each run. `labels` are the names of the runs in the legend. A `wide` panel is
+    higher and has a larger title.
     """
 
     quantities: tuple[PanelQuantity, ...]
@@ -388,9 +392,9 @@ class TimePanel:
 def curves(quantity: PanelQuantity, solution: Solution, pixels: Pixels) -> Curves:
     """Return a quantity of a run as lines, exact within a pixel, for a panel of the size `pixels`.
 
-    The drift of a conserved quantity is computed from the dense output, which equals the steps at their ends. If the
-    drift changes much more between the steps than at their ends, this is an error of the dense output and not of the
-    method. Then dots are drawn at the steps, and a note gives the largest value between them.
+    The drift of a conserved quantity is computed from the dense output. If it changes much more between the ends of
+    steps than at them, this is an error of the dense output and not of the method. Then dots are drawn at the ends of
+    steps, and a note gives the largest drift between them.
     """
     run = solution.trajectory
     window = None if quantity.drift else window_of(solution, lambda t: quantity.values(solution.sampled(t)))
@@ -429,7 +433,7 @@ def _largest(rows: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PhasePanel:
-    """Panel with the phase plane of one coordinate, given by name, for one or several runs."""
+    """Panel with the phase plane of the coordinate `name` for one or several runs; `labels` are names of the runs."""
 
     name: str
     solutions: tuple[Solution, ...]

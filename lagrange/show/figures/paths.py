@@ -1,4 +1,4 @@
-"""Paths of named points along a run: their projection, the links between them, a floor below them, and their panel."""
+"""Draw the paths of named points along a run: projection of space to the plane, links, springs, floor, and panel."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ if TYPE_CHECKING:
 AZIMUTH, ELEVATION = -60.0, 25.0  # Default direction of view for paths in space, in degrees
 
 _STILL = 1e-9
-"""Extent of points in a direction, relative to their largest extent, below which nothing moves in it."""
+"""Points count as flat in a direction if their extent in it is below this fraction of their largest extent."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
     """A projection: the matrix (2, d) maps points (d, K), d = 2 or 3, to coordinates to the right and up.
 
-    A view is at right angles to a plane of two axes, or oblique: it then shows all three axes of space. `labels` are
-    the names of the axes to the right and up, empty in an oblique view. There `depth` (3,) maps points to their
-    nearness to the viewer; in other views it is None. `extended` has True for each direction of the picture in which
-    the points extend.
+    A view is at right angles to a plane of two axes, or it is oblique and shows all three axes of space. `labels` are
+    the names of the axes to the right and up, empty in an oblique view. `depth` (3,) maps points to their nearness to
+    the viewer; it is None unless the view is oblique. `extended` has a flag for the direction to the right and one for
+    the direction up: True if the points extend in it.
     """
 
     matrix: FloatArray
@@ -132,7 +132,7 @@ def spring(start: FloatArray, end: FloatArray, width: float) -> FloatArray:
     return corners
 
 
-_LEAST_SIDE = 0.25  # Least side of the box relative to its largest: a thinner floor would be invisible
+_LEAST_SIDE = 0.25  # Least side of the box relative to its largest side: a narrower floor would look like a line
 
 _TICKS = 4
 _FEWEST = 3  # Least number of ticks of an axis: fewer show no scale
@@ -152,10 +152,9 @@ class Box:
 
     @classmethod
     def around(cls, points: FloatArray) -> Box:
-        """Return the box around the finite points (3, K), a little larger, with no side much shorter than the others.
+        """Return a box with a margin around the finite points (3, K); no side is much shorter than the others.
 
-        Its lowest z is exactly that of the lowest point. So the picture of a body that rolls on a plane z = 0 touches
-        the floor.
+        The box has no margin at the bottom, so that a body that rolls on a plane z = 0 touches the floor.
         """
         low, high = limits(points)
         largest = float((high - low).max()) or 1.0
@@ -171,7 +170,7 @@ class Box:
 
     @property
     def drawn(self) -> FloatArray:
-        """Corners of the drawn parts of the box, (3, 5): four corners of the floor, and the top of the z axis."""
+        """Ends of the drawn parts of the box, (3, 5): the four corners of the floor, and the top of the z axis."""
         (x0, y0, z0), (x1, y1, z1) = self.low, self.high
         return np.array([(x0, y0, z0), (x1, y0, z0), (x0, y1, z0), (x1, y1, z0), (x0, y0, z1)]).T
 
@@ -219,9 +218,9 @@ def _line(axis: Axes, view: View, points: FloatArray, colour: str, width: float)
 def _numbers(
     axis: Axes, view: View, box: Box, k: int, foot: tuple[float | None, ...], unit: str, style: FigureStyle
 ) -> None:
-    """Write the numbers and the name of axis `k` of space, outside of the edge of the floor.
+    """Write the numbers and the name of axis number `k` of space beside an edge of the floor, outside of it.
 
-    `foot` is a point on the line of the axis; its coordinate along the axis is None.
+    `foot` is a point on that edge; its coordinate along the axis is None.
     """
     ticks = box.ticks(k)
     outwards = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0)][k]) if k < 2 else np.zeros(3)
@@ -247,7 +246,7 @@ def _numbers(
 
 
 SLENDER = 12
-"""Ratio of length to width above which paths are not drawn to scale: they would be a narrow strip."""
+"""Ratio of length to width above which paths are not drawn to scale, because they would be a narrow strip."""
 
 
 def is_slender(extents: FloatArray) -> bool:
@@ -257,19 +256,21 @@ def is_slender(extents: FloatArray) -> bool:
 
 
 _LONGEST = 80.0
-"""Longest path that is drawn, as a multiple of the side of its panel: three times as much would cover half of the
-panel."""
+"""Longest path that is drawn, as a multiple of the extent of all paths. A path three times as long would cover half of
+the panel. Of a longer path the last part is drawn."""
 
 
 @dataclass(frozen=True, eq=False)
 class Paths:
-    """Projected paths of p points, `points` (p, 2, K), at times (K,), their view, and the links between the points.
+    """Paths of p named points of a run, projected to the plane of the picture.
 
-    - `space` are the same points before projection, (p, 2, K) or (p, 3, K).
+    - `points` (p, 2, K) are the projected positions at the times `times` (K,).
+    - `space` are the same positions before projection, (p, 2, K) or (p, 3, K).
     - `starts` are their projected initial positions, (p, 2).
     - `fixed` has True for each point that depends neither on coordinates nor on time.
     - `surfaces` has the names of the points along each surface.
     - `late` is true if the paths are only the last part of a long run.
+    - `view` is the projection, and `links` are the rods, springs and edges between points.
     """
 
     times: FloatArray
@@ -318,16 +319,16 @@ def named_points(solution: Solution, t: FloatArray) -> dict[str, FloatArray]:
 
 
 def common_view(solutions: tuple[Solution, ...]) -> View | None:
-    """Return a common view of the paths of several runs; None if no point is stated."""
+    """Return one view for the paths of several runs; None if no point is stated."""
     runs = [named_points(run, _times(run)[0]) for run in solutions]
     points_by_name = {f"{name} {k}": points for k, run in enumerate(runs) for name, points in run.items()}
     return view_of(points_by_name) if points_by_name else None
 
 
 def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
-    """Return the paths of the named points of a run, exact within a pixel, for a panel size in pixels.
+    """Return the paths of the named points of a run in a `view`, exact within a pixel for a panel of size `pixels`.
 
-    For a run that is longer than a line can show, they are its last part.
+    For a long run the paths are its last part, because longer paths would cover the panel.
     """
     names = tuple(named_points(solution, solution.t[:1]))
 
@@ -371,9 +372,9 @@ def _times(solution: Solution) -> tuple[FloatArray, str]:
 
 
 def _last_part(t: FloatArray, points: FloatArray) -> FloatArray:
-    """Return the last of the times `t` (K,), in which no point's path is longer than `_LONGEST` times the extent.
+    """Return the end of the times `t` (K,), in which no point's path is longer than `_LONGEST` times the extent.
 
-    `points` (p, 2, K) are the positions at these times.
+    `points` (p, 2, K) are the positions at the times `t`. Their extent is the larger of their width and height.
     """
     low, high = limits(np.concatenate([*points], axis=1))
     steps = np.nan_to_num(np.hypot(*np.moveaxis(np.diff(points, axis=2), 1, 0)))
@@ -384,13 +385,13 @@ def _last_part(t: FloatArray, points: FloatArray) -> FloatArray:
     return t[np.searchsorted(gone, gone[-1] - _LONGEST * size) :]
 
 
-_DEPTHS = 6  # Number of depths of a path in space: near parts are wider and darker
-_FARTHEST = 0.28  # Share of its colour that the farthest depth has
+_DEPTHS = 6  # Number of widths and colours of a path in space: near parts are wider and darker
+_FARTHEST = 0.28  # Share of the path's colour in the colour of its farthest parts; the rest is the background
 
 
 @dataclass(frozen=True, eq=False)
 class PathPanel:
-    """Panel with the paths of named points of one or several runs, all in one view."""
+    """Panel with the paths of named points of one or several runs in one view; `labels` are names of the runs."""
 
     solutions: tuple[Solution, ...]
     labels: tuple[str, ...]
@@ -442,7 +443,10 @@ class PathPanel:
         return np.array([low - more, high + more])
 
     def _shades(self, run: Paths, index: int, style: FigureStyle) -> dict[str, str]:
-        """Return the colour of each moving point by name; a single point has the colour of run number `index`."""
+        """Return the colour of each moving point by name, for run number `index`.
+
+        If only one point moves, each run has its own colour.
+        """
         hidden = corners(run.links)
         moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed and name not in hidden]
         if len(moving) == 1 and len(self.solutions) > 1:
@@ -522,9 +526,9 @@ def _draw_run(
 
 
 def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style: FigureStyle, kind: str) -> None:
-    """Draw the path of point number `k` with its shadow on the floor; near parts are wider and darker.
+    """Draw the path of point number `k` with its shadow on the floor of `box`; near parts are wider and darker.
 
-    The floor is that of `box`. `shade` is the colour of the path, and `kind` its line style.
+    `shade` is the colour of the path, and `kind` its line style.
     """
     view, space = paths.view, paths.space[k]
     floor = np.array([*space[:2], np.full(space.shape[1], box.low[2])])
@@ -541,9 +545,9 @@ def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style
 
 
 def by_depth(points: FloatArray, nearness: FloatArray) -> Iterator[FloatArray]:
-    """Yield the parts of a path (2, K) in each range of nearness, the farthest first.
+    """Yield for each of `_DEPTHS` ranges of nearness the parts of a path (2, K) in it, the farthest range first.
 
-    `nearness` (K,) is from 0 to 1. Each yielded line is (2, C), with NaN between its parts.
+    `nearness` (K,) is between 0, far from the viewer, and 1. A yielded line is (2, C), with NaN between its parts.
     """
     middle = (nearness[1:] + nearness[:-1]) / 2
     depths = np.clip(np.nan_to_num(_DEPTHS * middle), 0, _DEPTHS - 1).astype(int)

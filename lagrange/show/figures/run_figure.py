@@ -1,4 +1,4 @@
-"""Figures of runs: the quantities that `what` names, their panels, and the layout and default size of the figure."""
+"""`lagrange.plot` and `solution.plot`: choose panels by `what` and `of`, label runs, and lay out the figure."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ _MOST_PHASES = 9  # Largest number of phase planes in one figure
 
 
 class Contents:
-    """Chooses the panels of a figure of runs: `of` are coordinates in it, by symbol or name, or None for all.
+    """Chooses the panels of a figure of runs.
 
-    With `merged` all coordinates share one panel, and so do all velocities. Raises StatementError for anything in `of`
-    that is not a coordinate.
+    `labels` are the names of the runs. `of` is a coordinate or a list of coordinates, by symbol or name, or None for
+    all. With `merged` all coordinates share one panel, and so do all velocities. Raises StatementError for anything in
+    `of` that is not a coordinate.
     """
 
     def __init__(self, solutions: Sequence[Solution], labels: Sequence[str], of: Any, *, merged: bool) -> None:
@@ -51,9 +52,9 @@ class Contents:
         self.turned = list(map(rotation_of, statement.rotations if of is None else ()))
 
     def overview(self) -> list[Panel]:
-        """Return the panels of the coordinates, of conserved quantities, and of paths if points are named.
+        """Return the panels of coordinates, of conserved quantities, and of paths if points are named.
 
-        For a body they show its rates about its axes instead of the entries of its quaternion.
+        The panels of a body show its rates about its axes instead of the entries of its quaternion.
         """
         entries = {name_of(q) for rotation in self.turned for q in rotation.quaternion}
         rest = [name for name in self.chosen if name not in entries]
@@ -63,9 +64,9 @@ class Contents:
         return [*self._rows(rest), *rates, *drift, *momenta, *self._paths()]
 
     def of(self, what: Any) -> list[Panel]:
-        """Return the panels for one quantity: `what` is a name such as "energies" or "theta", or an expression.
+        """Return the panels for `what`, a name such as "energies" or "theta", or an expression.
 
-        Raises StatementError for anything else.
+        Raises StatementError for an unknown name, and for anything that is not an expression.
         """
         if isinstance(what, str):
             if what in WHAT:
@@ -136,17 +137,17 @@ WHAT = (
 """Names that what= accepts."""
 
 OTHER_NAMES = {"phase plane": "phase", "phase planes": "phase", "energy": "energies", "paths": "path"}
-"""Synonyms of these names, unless a coordinate has the same name."""
+"""Synonyms of names in `WHAT`; a coordinate with such a name has precedence."""
 
 
 DPI = 200  # Least resolution for which curves are computed, in dots per inch: files have 150, notebooks 160
 
 _LEFT, _RIGHT, _NARROW = 6.0, 4.6, 1.9
-"""Widths in inches of panels over time, of a plane, and of paths along a vertical line."""
+"""Widths in inches of panels over time, of a phase plane, and of paths along a vertical line."""
 
 _LEAST, _LEAST_PLANE, _BESIDE, _NARROWEST = 0.45, 1.5, 0.8, 0.4
-"""Least heights in inches of a coordinate, of a plane and of panels beside them, and the least part of the natural
-width: smaller panels collapse."""
+"""Least heights in inches of a panel over time and of a phase plane, height of title and axis labels, and least width
+as a fraction of the default width. Smaller panels would collapse."""
 
 MOST_QUANTITIES = 100
 """Largest number of entries of what=. A panel takes 30 ms, and 100 panels are 100 inches high."""
@@ -155,7 +156,10 @@ _ONE_COLUMN = 4  # More coordinates than this are in two columns
 
 
 def labels_of(solutions: Sequence[Solution], requested: Sequence[str] | None) -> list[str]:
-    """Return the names of runs: the texts `requested`, else methods, parameters or first values, whichever differ."""
+    """Return a name for each run: the texts `requested`, or if that is None a property in which the runs differ.
+
+    The property is the method, a parameter or an initial value. A single run has the name "".
+    """
     if requested is not None:
         labels = [requested] if isinstance(requested, str) else entries(requested, "labels")
         if labels is None or len(labels) != len(solutions) or not all(isinstance(label, str) for label in labels):
@@ -249,9 +253,9 @@ def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: 
 
 
 class _Left:
-    """Left part of a figure: panels over time with a common axis, above wide panels of paths.
+    """Left part of a figure: panels over time with a common time axis, above panels of paths along a horizontal line.
 
-    Many narrow panels are in two columns.
+    Many panels of coordinates are in two columns.
     """
 
     def __init__(self, panels: Sequence[TimePanel], rows: Sequence[Panel]) -> None:

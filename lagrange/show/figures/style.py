@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 
 COLOURS = ("#0b6e99", "#d1495b", "#3c7d45", "#a35c00", "#6a4c93", "#00798c", "#8d5b4c", "#4a5568")
-"""Colours for up to eight lines on white, distinguishable with colour blindness."""
+"""Colours for up to eight lines on white, which colour-blind people can distinguish."""
 
 DARK_COLOURS = ("#4db3e0", "#f0808c", "#79c585", "#e0a458", "#b79ae0", "#4fd0dd", "#c9a090", "#a9b4c4")
-"""The same hues in the same order, light enough for a dark background."""
+"""Colours with the hues of `COLOURS` in the same order, light enough for a dark background."""
 
 _LIGHTNESS, _SATURATION = (0.33, 0.5, 0.62), (0.75, 0.9, 0.55)
 
@@ -41,7 +41,7 @@ def colours(count: int, few: tuple[str, ...] = COLOURS) -> tuple[str, ...]:
     return tuple("#" + "".join(f"{round(255 * part):02x}" for part in share) for share in shares)
 
 
-NAMED_POINTS = 10  # Largest number of moving points with a colour and a name each; more are alike and small
+NAMED_POINTS = 10  # Largest number of moving points with a colour and a name each; more points look alike and are small
 _SMALL = 0.4  # Factor of the size of moving points beyond `NAMED_POINTS`
 
 
@@ -60,7 +60,7 @@ _UNSEEN = str.maketrans("", "", "${}_^\\")
 
 
 MARKERS = "osD^vP*Xh<p"
-"""Markers of lines. Their number has no common factor with eight colours, so that pairs do not repeat."""
+"""Markers of lines. Their number, 11, has no common factor with eight colours: 88 pairs differ."""
 
 
 class LineStyle(NamedTuple):
@@ -83,7 +83,7 @@ class FigureStyle:
     colours: tuple[str, ...]
 
 
-LINES = ("-", "--", ":", "-.")  # Line styles, for runs that share the colours of their rows
+LINES = ("-", "--", ":", "-.")  # Line styles that distinguish runs if colours distinguish quantities
 
 LIGHT = FigureStyle("light", "#ffffff", "#222222", "#737373", "#e3e3e3", COLOURS)
 DARK = FigureStyle("dark", "#16191d", "#e6e6e6", "#8b9097", "#2c3138", DARK_COLOURS)
@@ -96,7 +96,7 @@ def style_of(name: Any) -> FigureStyle:
 
 
 def line_styles(count: int, style: FigureStyle) -> list[LineStyle]:
-    """Return `count` line styles. Up to 88 styles all differ: in colour, in marker, or in line."""
+    """Return `count` line styles. Up to 88 of them all differ in colour, marker or line."""
     few = style.colours
     return [
         LineStyle(few[k % len(few)], MARKERS[k % len(MARKERS)], LINES[k // len(few) % len(LINES)]) for k in range(count)
@@ -168,7 +168,7 @@ def mixed(colour: str, other: str, share: float) -> str:
 
 
 def parts_of(colour: str) -> tuple[float, ...]:
-    """Return the red, green and blue parts of the colour #rrggbb, from 0 to 1."""
+    """Return the red, green and blue parts of the colour "#rrggbb" as numbers from 0 to 1."""
     return tuple(int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
 
 
@@ -179,7 +179,7 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number_labels(values: Sequence[float]) -> list[str]:
-    """Return numbers as texts, with just enough digits to distinguish them: -0.5, 0.0, 0.5 or −2·10⁻⁹, 0, 2·10⁻⁹."""
+    """Return tick labels of numbers, with just enough digits to distinguish them: −0.5, 0 or −2·10⁻⁹, 0, 2·10⁻⁹."""
     finite = sorted({float(value) for value in values if isfinite(value)})
     size = max(map(abs, finite), default=0.0)
     if size == 0.0:
@@ -207,9 +207,10 @@ def _decimal(value: float, digits: int) -> str:
 
 @cache
 def _classes() -> dict[str, Any]:
-    """Return subclasses of Matplotlib's classes, by name. They are defined at the first figure: the import takes 0.2 s.
+    """Return this package's subclasses of Matplotlib classes, by name.
 
-    Pickle looks the classes up in this module by their names.
+    They are defined at the first figure, because the import of Matplotlib takes 0.2 s. Pickle looks the classes up in
+    this module by their names.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import Formatter
@@ -293,7 +294,7 @@ def _multiple(k: int, unit: float) -> str:
 _MOST = 8  # Largest number of rows or columns of panels: more are too small to be read
 
 _WIDTH, _NARROW, _HEIGHT = 7.2, 5.3, 3.4
-"""Size of a panel in inches: width of a single one, width of one beside others, and height."""
+"""Size of a panel in inches: width of a single panel, width of a panel beside others, and height."""
 
 _LONGEST = 40.0  # Longest side of a figure, in inches: at 160 dots per inch some 6,400 pixels
 
@@ -323,5 +324,5 @@ def size_of(size: Any) -> tuple[float, float]:
 
 
 def with_unit(label: str, unit: str) -> str:
-    """Return a label followed by its unit in parentheses."""
+    """Return a label followed by its unit in parentheses; the label alone if the unit is empty."""
     return f"{label} ({unit})" if unit else label
