@@ -158,8 +158,8 @@ MOST_ROUNDS = 60
 """Largest number of times that intervals are halved. Fewer divide any interval down to the least length."""
 
 _SHARE = 0.47
-"""Point at which an interval is divided, as a fraction of its length. With 0.5 a curve that is point-symmetric about the
-middle of its chord would seem to lie on the chord."""
+"""Point at which an interval is divided, as a fraction of its length. With 0.5 a curve that is point-symmetric about
+the middle of its chord would seem to lie on the chord."""
 
 _LEAST = 1e-9  # Intervals shorter than this fraction of the span are not divided: the values jump there
 

@@ -483,9 +483,9 @@ def plot_stability(
 
     `methods` are names or instances of methods. The eigenvalue is that of a linear system y' = A y. The real part is
     shown between `left` and `right`, the imaginary part between -`top` and `top`. A method is stable to the left of its
-    boundary, or inside it. The region where every method is stable is shaded. Raises StatementError for a splitting and
-    for a solver of another library. A splitting has no damping and is stable only on a part of the imaginary axis,
-    which `lg.methods.stability` returns.
+    boundary, or inside it. The region where every method is stable is shaded. Raises StatementError for a splitting,
+    for the Taylor method, and for solvers of SciPy and SUNDIALS. A splitting has no damping and is stable only on a
+    part of the imaginary axis, which `lg.methods.stability` returns.
     """
     look = style_of(style)
     left, right, top = real_number(left, "left"), real_number(right, "right"), real_number(top, "top")

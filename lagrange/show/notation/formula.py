@@ -1,4 +1,4 @@
-"""Formulas with the conventions of textbooks, in any notation: their spelling, and the order of factors and terms."""
+"""Write SymPy expressions as textbooks do, in any notation: the order of factors and terms, signs, and fractions."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.functions import NAME_OF_CLASS
 
 LETTERS = ("G", "m M mu", "I J Theta", "g", "", "l L R r a b d h s w length radius", "omega Omega nu")
-"""Parameters by the usual meaning of their letters: masses, moments of inertia, gravity, others, lengths, rates.
+"""Classes of parameters, by the usual meaning of their letters, in the order in which a product prints them.
 
-Textbooks print m g l, m l^2 omega^2, and G m1 m2 with G first. In the same class the order is that of the statement.
+The classes are Newton's constant, masses, moments of inertia, gravity, others, lengths, rates. Textbooks print m g l,
+m l^2 omega^2, and G m1 m2. Parameters of one class have the order of the statement.
 """
 OTHERS = LETTERS.index("")
 CLASS_OF = {letter: rank for rank, letters in enumerate(LETTERS) for letter in letters.split()}
@@ -26,16 +27,17 @@ PARAMETER, MULTIPLIER, POSITION, VELOCITY, ACCELERATION, FUNCTION = range(6)
 GRAVITY = (PARAMETER, LETTERS.index("g"))
 MASS = (PARAMETER, LETTERS.index("m M mu"))
 LAST = (POSITION, 0, 1_000_000)
-"""Rank of time and of symbols that are not in the statement: after the coordinates."""
+"""Rank of time and of symbols that are not in the statement: they follow the coordinates."""
 
 Key = tuple[Any, ...]
 
 
 class BookOrder:
-    """Sort keys for the factors and terms of a statement's formulas, in plain symbols.
+    """Sort keys for the factors and terms of a statement's formulas, as textbooks order them.
 
-    `rank` maps each symbol to its place in the order: the kind of symbol, the class of its letter, its index in the
-    statement. Kinds are parameter, multiplier, position, velocity and acceleration, in this order.
+    Formulas have a plain symbol in place of each coordinate q(t) and its derivatives. `rank` maps each symbol to its
+    place in the order: the kind of symbol, the class of its letter, its index in the statement. Kinds are parameter,
+    multiplier, position, velocity and acceleration, in this order.
     """
 
     def __init__(self, statement: Statement) -> None:
@@ -50,13 +52,13 @@ class BookOrder:
         for index, symbol in enumerate(plain):
             self.rank[symbol] = (POSITION + index % 3, 0, index // 3)
         self.typed: frozenset[Any] = frozenset()
-        """Sums and products of an answer, whose signs are kept, too."""
+        """Sums and products that a student typed in an answer; their signs are kept, like those of the statement."""
         self._statement = statement
         self.factor = cache(self._key)  # the same factors occur often
 
     @cached_property
     def sums(self) -> frozenset[Any]:
-        """The sums that the statement contains. Formulas keep the signs of their terms as the author chose them."""
+        """The sums that the statement contains. Formulas keep the signs that the author chose in these sums."""
         statement = self._statement
         stated = [statement.lagrangian, statement.dissipation, *statement.forces]
         stated += [constraint.expression for constraint in statement.constraints]
@@ -79,7 +81,7 @@ class BookOrder:
         return self.moves(factor) or bool(self.factor(factor)[0] >= ACCELERATION)
 
     def _key(self, factor: Any) -> Key:
-        """Return the sort key of a factor."""
+        """Return the sort key of a factor of a product: constants, powers of symbols, sums, then functions."""
         base, exponent = factor.as_base_exp()
         if function := given_function(base):
             return (ACCELERATION, 1, base.derivative_count if base.is_Derivative else 0, 0, function)
@@ -113,20 +115,20 @@ class BookOrder:
         return (-max(highest, POSITION), degree, last, self._place(term, highest), indices, ranks)
 
     def _last(self, ranks: list[tuple[int, int, int]]) -> int:
-        """Return the class of a term by the ranks of its symbols, which are in ascending order.
+        """Return a part of a term's sort key, from the ranks of its symbols in ascending order.
 
-        It is 1 for a product with the acceleration of gravity g. It is 2 for a function of time alone, which is printed
-        last, and 0 for any other term.
+        The value is 2 for a function of time alone, which is printed last. It is 1 for a product with the acceleration
+        of gravity g, and 0 for any other term.
         """
         if ranks and ranks[-1] == LAST and not any(rank[0] == POSITION for rank in ranks if rank != LAST):
             return 2
         return int(len(ranks) > 1 and any(rank[:2] == GRAVITY for rank in ranks))
 
     def _degree(self, term: Any) -> int:
-        """Return the class of a term for sorting by its velocities.
+        """Return a part of a term's sort key that depends on its velocities.
 
-        It is 1 for a product of several velocities, 2 for a single velocity to the first power, and 0 for all other
-        terms, such as squares. A term with sums as factors has the highest class of their terms.
+        The value is 1 for a product of several velocities, 2 for a single velocity to the first power, and 0 for all
+        other terms, such as squares. A term with sums as factors has the largest value of their terms.
         """
         factors = term.as_powers_dict()
         powers = [e for base, e in factors.items() if self.rank.get(base, LAST)[0] == VELOCITY]
@@ -136,9 +138,9 @@ class BookOrder:
         return 1 if len(powers) > 1 else 2 if powers == [1] else 0
 
     def _power(self, term: Any, rank: tuple[int, int, int]) -> int:
-        """Return the degree of the symbol with rank `rank` in a product, 1 if it is not found.
+        """Return the exponent of the symbol with rank `rank` in the product `term`, 1 if the product lacks it.
 
-        The degree sorts x^2 before x y, and x y before y^2.
+        Exponents sort x^2 before x y, and x y before y^2.
         """
         powers = term.as_powers_dict()
         return next((int(e) for base, e in powers.items() if self.rank.get(base) == rank and e.is_Integer and e > 0), 1)
@@ -157,9 +159,10 @@ class BookOrder:
         return 1 if degree == 0 else 2 if degree == 1 else 0
 
     def terms(self, parts: Iterable[Any], subtracted: Callable[[Any], bool]) -> list[Any]:
-        """Return the terms of a sum in order. A positive term comes first, unless the sum begins with accelerations.
+        """Return the terms `parts` of a sum in the order of textbooks.
 
-        `subtracted` returns True for a term with a minus sign. A subtracted constant comes last, as in x + y - l.
+        A positive term comes first, unless the sum begins with accelerations. A subtracted constant comes last, as in
+        x + y - l. `subtracted` returns True for a term with a minus sign.
         """
         ordered = sorted(parts, key=self.term)
         if not subtracted(ordered[0]) or self.term(ordered[0])[0] == -ACCELERATION:
@@ -183,10 +186,10 @@ class BookOrder:
         return (masses or total not in self.sums) and term not in self.typed
 
     def turned(self, total: Any) -> bool:
-        """Return True if a sum in parentheses is better written as minus its negative.
+        """Return True if a sum in parentheses is written as -(...) with all signs reversed.
 
         A sum of the statement keeps its signs if it has a positive term. Any other sum is written so that most of its
-        terms are positive. If half of them are positive, the first term is.
+        terms are positive. If half of its terms are positive, the first term is made positive.
         """
         negative = sum(map(_negative, total.args))
         if negative == len(total.args):
@@ -199,10 +202,10 @@ class BookOrder:
         return _negative(min(total.args, key=self.term))
 
     def oriented(self, factor: Any) -> tuple[int, Any]:
-        """Return (sign, factor), whose product is the given factor, so that the new factor has the signs of textbooks.
+        """Return a sign, 1 or -1, and a factor with the signs of textbooks; their product is `factor`.
 
-        SymPy turns cos(a - b) and sin(a - b) to cos(b - a) and -sin(b - a). If the user typed only a - b, this is
-        undone.
+        SymPy changes cos(a - b) and sin(a - b) to cos(b - a) and -sin(b - a). If the user typed only a - b, this change
+        is undone.
         """
         if factor.is_Add:
             return (-1, -factor) if self.turned(factor) else (1, factor)
@@ -213,9 +216,9 @@ class BookOrder:
         return (1, factor) if sign is None else (sign, factor.func(-argument, evaluate=False))
 
     def _preferred(self, total: Any) -> Any:
-        """Return a sum or its negative, whichever the user typed, else whichever the statement contains.
+        """Return `total`, a sum, or its negative: the one that the user typed, else the one in the statement.
 
-        Returns None if both or neither occur.
+        Return None if both or neither occur.
         """
         for sums in (self.typed, self.sums):
             if (total in sums) != (-total in sums):
@@ -224,7 +227,7 @@ class BookOrder:
 
 
 def given_function(node: Any) -> str:
-    """Return the name of a given function of time or of its derivative; empty for any other expression."""
+    """Return the name of a known function of time, also if `node` is its derivative; "" for any other expression."""
     function = node.expr if isinstance(node, sympy.Derivative) else node
     return str(function.func.__name__) if isinstance(function, AppliedUndef) and function.args == (t,) else ""
 
@@ -252,7 +255,10 @@ LARGEST_WHOLE = 10**6  # Largest whole number that is printed without decimals i
 
 
 class Typesetter:
-    """Writes expressions of a statement in a notation; a velocity has a dot, or in plain text the suffix _dot."""
+    """Writes SymPy expressions of a statement in a notation, as text in the order of textbooks.
+
+    Many methods take expressions in plain symbols: each coordinate q(t) and its derivatives are replaced by a symbol.
+    """
 
     def __init__(self, statement: Statement, notation: Notation) -> None:
         self.notation = notation
@@ -295,7 +301,10 @@ class Typesetter:
         return self.signed(node)[1]
 
     def signed(self, node: Any) -> tuple[bool, FormulaPiece]:
-        """Return True if a term is subtracted, and the text of the term without its sign, from a cache."""
+        """Return a flag and a text: True if the term `node` is subtracted, and the term without its sign.
+
+        Results are cached.
+        """
         if node not in self._signed:
             if node.is_Add:
                 self._signed[node] = False, self.piece(node)
@@ -305,9 +314,10 @@ class Typesetter:
         return self._signed[node]
 
     def parts(self, node: Any) -> tuple[bool, list[Any], list[Any], Any]:
-        """Return a term as (negative, factors of the numerator, factors of the denominator, number).
+        """Split a term into a sign, a numerator, a denominator and a number, and return these four.
 
-        Factors are pairs of a base and a positive exponent. Sums among them have the signs of textbooks.
+        The sign is True for a subtracted term. Numerator and denominator are lists of pairs of a base and a positive
+        exponent, in the order of textbooks. The number is the absolute value of the numerical factor.
         """
         number, factors = self.under_one_root(node)
         above: list[Any] = []
@@ -326,7 +336,7 @@ class Typesetter:
         return bool(number.is_negative), above, below, abs(number)
 
     def under_one_root(self, product: Any) -> tuple[Any, list[Any]]:
-        """Return the number before a product, and its factors. Square roots of constants are joined to one root.
+        """Return the numerical factor of a product, and its other factors, with all square roots of constants as one.
 
         SymPy writes the frequency sqrt(2*g/(3*(R - r))) as sqrt(6)*sqrt(g)*sqrt(1/(R - r))/3.
         """
@@ -343,9 +353,9 @@ class Typesetter:
         return number, [*outside, sympy.Pow(inside, sympy.S.Half, evaluate=False)]
 
     def quotient(self, above: list[Any], below: list[Any], number: Any) -> FormulaPiece:
-        """Return the text of number * above / below; `above` and `below` are lists of (base, exponent).
+        """Return the text of number * above / below; `above` and `below` are lists of pairs (base, exponent).
 
-        In some notations constants are a separate fraction in front, as in (g/l) sin(theta).
+        If the notation has `fractions_in_front`, constants are a separate fraction, as in (g/l) sin(theta).
         """
         top, bottom = (
             (sympy.Integer(number.p), sympy.Integer(number.q)) if number.is_Rational else (number, sympy.S.One)
@@ -423,7 +433,7 @@ class Typesetter:
         return self.notation.function(name, [self.piece(part) for part in node.args], exponent)
 
     def derivative(self, node: Any) -> FormulaPiece:
-        """Return the text of a derivative: a letter with dots for a function of time, primes for any other function."""
+        """Return the text of a derivative: dots over a function of time, primes after any other function."""
         inner, point = (node.expr, node.point[0]) if isinstance(node, sympy.Subs) else (node, None)
         function, (variable, times) = inner.expr, inner.variable_count[0]
         simple = len(inner.variable_count) == 1 and isinstance(function, AppliedUndef) and len(function.args) == 1
@@ -460,7 +470,7 @@ class Typesetter:
 
 
 def _base_and_exponent(factor: Any) -> tuple[Any, Any]:
-    """Return a factor as (base, exponent). exp(x) is not a power of e, and the imaginary unit is not a root."""
+    """Return a factor as a pair (base, exponent). exp(x) and the imaginary unit have the exponent 1."""
     if isinstance(factor, sympy.exp) or factor is sympy.I:
         return factor, sympy.S.One
     base, exponent = factor.as_base_exp()

@@ -1,4 +1,4 @@
-"""Comparison of an answer with a system; its messages spell formulas in plain text, in the order of textbooks."""
+"""Compare a student's equations with those of a system, and spell the formulas in the messages as textbooks do."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lagrange.statement.scene.expressions import read_expression
 from lagrange.statement.statement import Statement
 
 _DIFFERENCE = re.compile(r"\(([^()]{1,30}-[^()]{1,30})\)")
-"""A difference in brackets, short enough to be quoted."""
+"""Pattern of a difference in parentheses, such as (m1 - m2), with at most 30 characters on each side."""
 
 
 def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:

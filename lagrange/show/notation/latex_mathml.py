@@ -1,4 +1,4 @@
-"""Formulas in LaTeX, which need only the packages of the AMS, and in MathML, which browsers render without scripts."""
+"""Spell formulas in LaTeX, for which amsmath is enough, and in MathML, which browsers render without scripts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lagrange.show.notation.text import (
 )
 
 COMMANDS = CIRCULAR - frozenset(("sech", "csch"))
-"""Functions with a LaTeX command of the same name, besides ln, min and max."""
+"""Functions with a LaTeX command of the same name, such as sin. Others are in `LatexNotation.function_names`."""
 
 
 class LatexNotation(BookNotation):
@@ -52,10 +52,10 @@ class LatexNotation(BookNotation):
         return head + (f"_{_argument(', '.join(parts))}" if parts else "")
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        r"""Return the symbol of a quantity, such as L, whose usual `letter` is already a name in the system.
+        r"""Return the symbol of a quantity whose usual `letter`, such as L, is a name in the system.
 
         A capital letter becomes calligraphic, \mathcal{L}. A small letter is replaced by the upright `word`. `indices`
-        are names.
+        are names below the symbol.
         """
         spelled = f"\\mathcal{{{letter}}}" if letter.isupper() else upright(word).replace("\\_", "\\ ")
         return spelled + (f"_{_argument(' '.join(map(self.letter, indices)))}" if indices else "")
@@ -67,7 +67,7 @@ class LatexNotation(BookNotation):
         return FormulaPiece(f"{digits} \\cdot 10^{{{exponent}}}", POWER)
 
     def brackets(self, inside: str) -> str:
-        r"""Return a text in parentheses; they grow with a fraction inside: \left(inside\right)."""
+        r"""Return `inside` in parentheses, which grow if it has a fraction or a matrix: \left(inside\right)."""
         return f"\\left({inside}\\right)" if "\\frac" in inside or "\\begin" in inside else f"({inside})"
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
@@ -83,7 +83,7 @@ class LatexNotation(BookNotation):
         return FormulaPiece(f"\\sqrt{{{inside.text}}}")
 
     def function_name(self, name: str) -> str:
-        """Return the command of a function, or its name in upright letters; primes follow the name."""
+        """Return the LaTeX command of a function, or its name in upright letters; primes follow the name."""
         if name in CIRCULAR:
             return f"\\{name}" if name in COMMANDS else upright(name)
         return self.function_names.get(name) or self.letter(name.rstrip("'")) + "'" * name.count("'")
@@ -106,7 +106,7 @@ APPLY = "<mo>\N{FUNCTION APPLICATION}</mo>"
 SPACE = '<mspace width="0.17em"/>'  # Thin space around the name of a function; browsers add none
 TALL = ("<mfrac", "<mtable", "<msqrt")  # Elements that are taller than a line of text
 CALLS = tuple(f"<mrow>{power}<mi>{name}</mi>" for name in sorted(CIRCULAR) for power in ("", "<msup>"))
-"""Beginnings of the MathML of a function with a name."""
+"""Beginnings of the MathML of a function such as sin θ or sin² θ, for a space before the function."""
 RELATIONS = ("<", "<=", ">", ">=", "=", "!=")
 
 
@@ -124,7 +124,7 @@ SIGNS = (operator("+"), operator("\N{MINUS SIGN}"))
 
 
 class MathmlNotation(BookNotation):
-    """Spelling of formulas in MathML; every text is one element, except that a sum may be several elements."""
+    """Spelling of formulas in MathML; the text of a formula is one element, and the text of a sum may be several."""
 
     opening, closing, times = operator("("), operator(")"), operator("\N{MULTIPLICATION SIGN}")
     in_one_line, comma, equals = False, operator(","), operator("=")
@@ -157,9 +157,10 @@ class MathmlNotation(BookNotation):
         return f"<msub>{head}{parts[0] if len(parts) == 1 else row(*parts)}</msub>" if parts else head
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the symbol of a quantity, such as L, whose usual `letter` is already a name in the system, in MathML.
+        """Return the symbol in MathML of a quantity whose usual `letter`, such as L, is a name in the system.
 
-        The letter becomes calligraphic. A letter without a calligraphic form is replaced by its `word`.
+        The letter becomes calligraphic. A letter without a calligraphic form is replaced by its `word`. `indices` are
+        names below the symbol.
         """
         shown = (
             chr(0x1D49C + ord(letter) - ord("A"))

@@ -1,4 +1,4 @@
-"""The sections of a derivation, as in a textbook: the statement, L, each coordinate, equations, solution."""
+"""Divide a derivation into sections as in a textbook: energies, Lagrangian, each coordinate, equations, solution."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ if TYPE_CHECKING:
 # SymPy is imported in functions: the command line parses its options before it needs SymPy.
 
 READABLE = 150
-"""Largest number of operations in a solved acceleration that a page prints; a longer one is replaced by a sentence. 150
-operations fill five lines; those of the double pendulum have 60. `accelerations()` has all of them."""
+"""Largest number of operations in an acceleration that a page prints; a longer one is replaced by a sentence. 150
+operations fill five lines; an acceleration of the double pendulum has 60. `accelerations()` has all of them."""
 LARGEST_MATRIX = 6  # Largest number of rows of a matrix that a page shows
 WIDEST_MATRIX = 50
-"""Largest number of operations in a row of a matrix, where each column is as wide as its longest entry; they fill a
-line."""
+"""Largest number of operations in a row of a printed matrix, which fills a line. Each column counts as its longest
+entry."""
 
 WIDEST_VECTOR = 30  # Largest number of operations of all entries of a vector on one line
 
 
 @dataclass(frozen=True)
 class ShownQuantity:
-    """A quantity in a formula: its letter, such as T or phi, and the names that are its indices.
+    """A quantity in a formula: its letter, such as T or phi, and its indices, or its square if `squared`.
 
-    They are names of coordinates, of a constraint or of a point. With `squared` it is the square of that quantity.
+    The indices are names of coordinates, of a constraint or of a point.
     """
 
     letter: str
@@ -77,7 +77,7 @@ class SignedTerms:
 
 @dataclass(frozen=True)
 class ExpressionRows:
-    """Expressions in rows, printed as a matrix; with `vector` the only row is printed as a vector."""
+    """Expressions in rows, printed as a matrix. With `vector` there is one row, which is printed as a vector."""
 
     rows: tuple[tuple[Any, ...], ...]
     vector: bool = False
@@ -85,7 +85,7 @@ class ExpressionRows:
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula: sides that are equal. Each is a SymPy expression or an object such as `Partial` or `SignedTerms`."""
+    """A formula a = b = ...: its sides, each a SymPy expression or an object such as `Partial` or `SignedTerms`."""
 
     sides: tuple[Any, ...]
 
@@ -99,7 +99,7 @@ class Formula:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, followed by formulas and sentences. `symbol` is the symbol that the section is about, if any."""
+    """A heading, followed by formulas and sentences. `symbol` is the coordinate that the section is about, or None."""
 
     heading: str
     rows: tuple[Formula | str, ...]
@@ -110,9 +110,9 @@ LAGRANGIAN, KINETIC, POTENTIAL = (ShownQuantity(letter) for letter in "LTV")
 
 
 def sections(derivation: Derivation) -> Iterator[Section]:
-    """Yield the sections of a derivation; a part that is too large is replaced by a sentence that says so.
+    """Yield the sections of a derivation; a sentence replaces formulas that are too long.
 
-    A given table of values appears as a function with a name, such as S(x).
+    A known function that is a table of values appears as a function with a name, such as S(x).
     """
     derivation, tables = derivation.with_named_tables()
     statement = derivation.statement
@@ -143,9 +143,9 @@ def sections(derivation: Derivation) -> Iterator[Section]:
 
 
 def stated_formulas(statement: Statement) -> Iterator[Formula | str]:
-    """Yield the stated energies, forces, given motions and constraints as formulas.
+    """Yield the stated energies, forces, known functions of time and constraints as formulas.
 
-    A motion that is given by a table is described by a sentence.
+    A known function that is a table of values is described by a sentence.
     """
     if statement.lagrangian_alone:
         yield Formula((LAGRANGIAN, statement.lagrangian))
@@ -164,7 +164,10 @@ def stated_formulas(statement: Statement) -> Iterator[Formula | str]:
 
 
 def _stated(derivation: Derivation) -> Iterator[Formula | str]:
-    """Yield what was stated; each energy as stated, and then simplified if that differs and is not too large."""
+    """Yield the description, the source and the stated formulas of a system.
+
+    An energy has a second right side, the simplified expression, if that differs and is not too long.
+    """
     statement = derivation.statement
     if statement.about:
         yield statement.about
@@ -212,7 +215,7 @@ def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
 def _coordinate(derivation: Derivation, index: int) -> Iterator[Formula | str]:
     """Yield the terms of the Euler-Lagrange equation of coordinate number `index`, then the equation itself.
 
-    In the equation the terms are written by name, such as dL/dq.
+    The equation contains the terms as symbols, such as dL/dq.
     """
     statement = derivation.statement
     q, name = statement.coordinates[index], statement.names[index]
@@ -279,7 +282,7 @@ def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _column(entries: Sequence[Any]) -> Any:
-    """Return a column vector, written as the transpose of a row. A single entry is returned as it is."""
+    """Return a column vector of the entries, written as the transpose of a row; a single entry stays as it is."""
     return entries[0] if len(entries) == 1 else Transpose(ExpressionRows((tuple(entries),), vector=True))
 
 
@@ -291,10 +294,10 @@ def _matrix(
     *,
     symmetric: bool = False,
 ) -> Iterator[Formula]:
-    """Yield the formula that shows a matrix as `letter`, or one for each entry if the matrix is too wide.
+    """Yield the formula of a matrix called `letter`, or one formula for each nonzero entry if the matrix is too wide.
 
-    `names` are the names of the rows, and `column_names` those of the columns, by default the same. Of a `symmetric`
-    matrix each pair of equal entries is written once.
+    `names` are the names of the rows, and `column_names` the names of the columns, by default the same names. Each pair
+    of equal entries of a `symmetric` matrix is written once.
     """
     if sum(max(int(entry.count_ops()) for entry in column) for column in zip(*rows, strict=True)) <= WIDEST_MATRIX:
         yield Formula((ShownQuantity(letter), ExpressionRows(tuple(rows))))
@@ -330,7 +333,7 @@ def _accelerations(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _constant_sums(statement: Statement) -> dict[Any, Any]:
-    """Return {sum of terms: its value} for sums that constraints keep constant: x**2 + y**2 is l**2 on a circle."""
+    """Return a dict from sums that constraints keep constant to their values, such as {x**2 + y**2: l**2}."""
     constants: dict[Any, Any] = {}
     for constraint in statement.constraints:
         zero = constraint.expression.expand().as_content_primitive()[1]

@@ -1,4 +1,4 @@
-"""Names and formulas on one line: plain text as in a scene file, Unicode, and names in LaTeX and Markdown."""
+"""Spell names and formulas on one line, in plain text or in Unicode, and escape texts for LaTeX and Markdown."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import ClassVar
 from lagrange.statement.vocabulary.letters import GREEK as LETTERS
 
 UNICODE_GREEK = {name: letter for letter, name in LETTERS.items()} | {"Pi": "Π"}
-"""Greek letters by name, for names that are letters in LaTeX. "pi" is missing: it is always printed as the number."""
+"""Greek letters by their LaTeX names. "pi" is missing, because it is always printed as the number."""
 
 GREEK = frozenset(UNICODE_GREEK)
 
@@ -34,9 +34,9 @@ _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>()#+\-.!|$~&@:])")
 
 
 def index_parts(name: str) -> tuple[str, list[str]]:
-    """Return a name as a letter or word and a list of its indices.
+    """Split a name into a letter or word and a list of its indices.
 
-    theta1 has the index 1, m_bob has bob, and lambda[rod] has rod.
+    theta1 has the index 1, m_bob has the index bob, and lambda[rod] has the index rod.
     """
     head, *indices = [part for part in name.translate(_BRACKETS).split("_") if part]
     letters = head.rstrip("0123456789")
@@ -68,7 +68,7 @@ def word(name: str) -> str:
 
 
 def upright(word: str) -> str:
-    """Return a word in LaTeX, in upright letters."""
+    """Return the LaTeX of a word in upright letters."""
     word = latin(word)
     return "\\mathrm{" + word.replace("_", "\\_") + "}"
 
@@ -78,10 +78,10 @@ def latin(name: str) -> str:
     return "".join(LETTERS.get(mark, mark) for mark in name)
 
 
-SUM, PRODUCT, FRACTION, POWER, ATOM = range(5)  # Precedence of a piece: how tightly it binds
+SUM, PRODUCT, FRACTION, POWER, ATOM = range(5)  # Precedence of the outermost operation of a formula, lowest first
 
 CIRCULAR = frozenset(("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", "tanh", "coth", "sech", "csch"))
-"""Functions with no parentheses around a single symbol, and with an exponent after their name: sin² θ."""
+"""Functions that are printed like sin² θ: no parentheses around a single symbol, and the exponent after the name."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ SCRIPT = {"T": "𝒯", "V": "𝒱", "L": "ℒ", "D": "𝒟", "E": "ℰ", "J": "�
 
 
 def width(text: str) -> int:
-    """Return the number of columns of a text; a combining dot takes none."""
+    """Return the number of columns that a text takes in a terminal; a combining dot takes none."""
     return sum(not unicodedata.combining(mark) for mark in text)
 
 
@@ -133,7 +133,7 @@ class Notation:
     g*sin(theta)/l."""
 
     level_inside_product = FRACTION
-    """Least precedence of a factor without parentheses before another factor."""
+    """Least precedence of a factor that has no parentheses if another factor follows."""
 
     product_sign, comma, equals = "*", ", ", " = "
     """Text between factors, between arguments or entries of a vector, and between the sides of an equation."""
@@ -142,20 +142,21 @@ class Notation:
     """Signs of added and of subtracted terms: between two terms, before the first one, and where a sum continues."""
 
     words, slashed, transpose, derivative, time_derivative = "{0}", "{0}/{1}", "{0}.T", "d{0}/d{1}", "d/dt({0})"
-    """Templates: of words in a formula, a fraction of two numbers, a transpose, and two derivatives."""
+    """Templates of words in a formula, of a fraction of two numbers, of a transpose, of a partial derivative, and of a
+    time derivative."""
 
     relation = "{0} {1} {2}"
     relations: ClassVar[Mapping[str, str]] = {}
-    """Template of a condition, and spellings of <= and the like that differ from Python's."""
+    """Template of a condition, and the spellings of comparison signs that differ from Python."""
 
     constants: ClassVar[Mapping[str, str]] = {"e": "exp(1)", "infinity": "oo"}
-    """Spellings of pi, e and infinity that are not their names."""
+    """Spellings of the constants pi, e and infinity that are not printed by their names."""
 
     case, otherwise, case_separator, case_frame = "({0}, {1})", "({0}, True)", ", ", "Piecewise({0})"
     """Templates of a piecewise expression: a value with its condition, the last value, and the frame."""
 
     def __init__(self, names: Sequence[str] = ()) -> None:
-        """Store the names of all symbols; a name that would look like another one is spelled literally."""
+        """Store the names of all symbols. A name that would be printed like an earlier one is printed as stated."""
         self.literal: frozenset[str] = frozenset()
         seen: dict[str, str] = {}
         for name in names:
@@ -168,9 +169,9 @@ class Notation:
         return "_".join([spelled + RATES[dots], *map(latin, indices)])
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the symbol of a quantity, such as L, whose usual `letter` is already a name in the system.
+        """Return the symbol of a quantity whose usual `letter`, such as L, is a name in the system.
 
-        Here it is the `word`, such as Lagrangian, and its indices.
+        In plain text the symbol is the `word`, such as Lagrangian, followed by the names `indices`.
         """
         return "_".join([word, *indices])
 
@@ -203,7 +204,7 @@ class Notation:
         return FormulaPiece(f"sqrt({inside.text})")
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
-        """Return a function of its arguments, raised to a whole number if `exponent` is given."""
+        """Return the function `name` of its arguments, raised to the whole number `exponent` unless that is empty."""
         return self.power_of(f"{name}({self.listed(arguments)})", exponent)
 
     def listed(self, arguments: Sequence[FormulaPiece]) -> str:
@@ -211,7 +212,7 @@ class Notation:
         return self.comma.join(argument.text for argument in arguments)
 
     def power_of(self, value: str, exponent: str) -> FormulaPiece:
-        """Return `value`, the text of a function's value, raised to `exponent` unless that is empty."""
+        """Return `value`, the text of a function with its arguments, raised to `exponent` unless that is empty."""
         return self.raised(value, exponent) if exponent else FormulaPiece(value)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
@@ -235,8 +236,8 @@ class Notation:
     def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
         """Return the text of a sum; each of its terms is a pair (True if subtracted, text without sign).
 
-        With `leading` there is no plus sign before the first term. Without it there is one, because the sum continues
-        the line above.
+        With `leading` the sum begins here, and a positive first term has no plus sign. Otherwise the text continues the
+        sum of the line above, and the first term has a sign.
         """
         (negative, first), *rest = terms
         start = (self.sign_before if leading else self.sign_of_line)[negative]
@@ -262,14 +263,14 @@ class Notation:
 
 
 class BookNotation(Notation):
-    """Spelling of formulas as in textbooks: sin and the like without parentheses, powers of e, and ln."""
+    """Spelling of formulas as in textbooks: sin θ without parentheses, powers of e instead of exp, and ln for log."""
 
     fractions_in_front = True
     magnitude = "|{0}|"
     """Template of an absolute value."""
 
     function_names: ClassVar[Mapping[str, str]] = {"log": "ln"}
-    """Spellings of functions that are not their names."""
+    """Printed names of functions, if they differ from the names in expressions."""
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
         """Return a function, raised to an exponent if given, such as sin² θ, cos(a - b), |x|, or e^(-t)."""
@@ -326,9 +327,10 @@ class UnicodeNotation(BookNotation):
         return "_".join([dotted + below, *map(self.letter, indices)])
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the symbol of a quantity, such as L, whose usual `letter` is already a name in the system.
+        """Return the symbol of a quantity whose usual `letter`, such as L, is a name in the system.
 
-        It is the calligraphic letter or, without one, the `word`. Its indices follow after underscores.
+        The symbol is the calligraphic letter, or the `word` if Unicode lacks that letter. `indices` follow after
+        underscores.
         """
         return "_".join([SCRIPT.get(letter, word), *map(self.letter, indices)])
 
@@ -367,9 +369,10 @@ class UnicodeNotation(BookNotation):
 
 
 class PrintedWidth(UnicodeNotation):
-    """Notation that measures formulas: its text has the width of the printed formula, but is not printed.
+    """Notation that measures formulas: its text has the width of the formula on paper, and is not shown to anyone.
 
-    Of a fraction it contains only the wider part. Factors follow each other without blanks, except before a function.
+    A fraction is replaced by the wider one of numerator and denominator. Factors follow each other without blanks,
+    except before a function.
     """
 
     product_sign, time_derivative = "", "dt {0}"
@@ -384,8 +387,8 @@ class PrintedWidth(UnicodeNotation):
         return FormulaPiece(max(above.text, below.text, key=width), POWER)
 
     def partial(self, above: str, below: str) -> str:
-        """Return the numerator or the denominator of the derivative of `above` by `below`, whichever is wider.
+        """Return the wider one of numerator and denominator of the partial derivative of `above` by `below`.
 
-        It is ∂L for L and q.
+        For L and q the result is ∂L.
         """
         return "∂" + max(above, below, key=width)
