@@ -1,4 +1,4 @@
-"""Animations of runs: default frames per second, suffixes, recordings, GIF and MP4. The HTML player is in `page/`."""
+"""Animate runs: frame times, frames, GIF and MP4, with defaults and suffixes. The HTML player is in `lagrange/page`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ DEFAULT_FPS = 30.0
 """Frames per second unless others are requested. The command line reads this file without loading an animation."""
 
 SUFFIXES = (".html", ".gif", ".mp4", ".png")
-"""Suffixes: a page with a player, moving pictures, and the first frame."""
+"""Suffixes of animation files: a page with a player, two kinds of moving pictures, and a picture of the first frame."""
 
 
 def named_kind(path: str | os.PathLike[str]) -> Path:

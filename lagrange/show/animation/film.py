@@ -1,4 +1,4 @@
-"""Frames of a recording, drawn by Matplotlib: fixed parts are drawn once, moving parts over a copy of them."""
+"""Draw the frames of an animation with Matplotlib: layout, moving points with trails, and curves over time."""
 
 from __future__ import annotations
 
@@ -42,32 +42,33 @@ Pixels = NDArray[np.uint8]
 """A frame as an array (height, width, 4) of bytes: red, green, blue, and opacity 255."""
 
 PICTURE_WIDTH, TALLEST = 640, 400
-"""Default width of a picture, and greatest default height of its scene, in pixels."""
+"""Default width of a picture in pixels, and largest default height of its panel of moving points, in points."""
 
 LEAST_SIZE, MOST_SIZE = 160, 2160
-"""Least and largest side on request, in pixels: below, nothing is readable; above, a frame takes over 18 MB."""
+"""Least and largest side that users may request, in pixels. Smaller pictures are not readable; in larger ones a frame
+takes over 18 MB."""
 
-SMALLEST_SCALE = 0.85  # Least scale factor of all sizes: letters below 8.5 pixels are hard to read
+SMALLEST_SCALE = 0.85  # Least scale factor of fonts and lines: letters below 8.5 pixels are hard to read
 TRAIL_SECONDS = 2.5  # Default duration of a trail, in seconds on the screen
 FADES = 12  # Parts of a trail with different opacities
 
 FAINT, CLEAR = 0.3, 0.85
-"""Opacity of the part of a curve after the time of the frame, and of the newest part of a trail."""
+"""Opacity of the part of a curve after the time of the frame, and opacity of the newest part of a trail."""
 
 _DOT, _COIL = 14.0, 14.0  # Widths in points: of the dot of a moving point, and of the zigzag of a spring
 
 MOST_PANELS = 6
-"""Largest number of panels for coordinates. With more coordinates several share a panel: a frame has no room for more
-panels."""
+"""Largest number of panels for coordinates, for which a frame has room. With more coordinates several share a panel."""
 
 _HEADER, _NAMES, _CHART, _TITLE, _TIME = 32.0, 18.0, 88.0, 20.0, 32.0
-"""Heights in points of the header, the names of points, a panel over time, its title, and the labels of time."""
+"""Heights in points: of the header, the names of points, a panel over time with its title, the title, and the labels
+of the time axis."""
 
 _LEFT, _RIGHT, _UNDER = 56.0, 16.0, 36.0
-"""Margins in points: to the left and right of a panel, and below a scene for the numbers of its axis."""
+"""Margins in points: to the left and right of a panel, and below the panel of moving points for its axis numbers."""
 
 _TALL, _LEAST = 1.7, 60.0
-"""Ratio of height to width above which a scene is drawn beside the panels, and the least height of a scene in
+"""Ratio of height to width above which the panel of moving points is beside the other panels, and its least height in
 points."""
 
 
@@ -88,10 +89,10 @@ def checked_options(size: Any, trail: Any) -> tuple[tuple[int, int] | None, floa
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """R curves at S samples for one panel over time: `rows` (R, S), with their labels and colours.
+    """R curves with S samples for one panel over time: `rows` (R, S), with their labels and colours.
 
-    `title` is the title of the panel, with the unit. Changes that are only rounding noise relative to `size` are
-    drawn as a level line.
+    `title` is the title of the panel, with the unit. A curve is drawn as a level line if its changes are rounding noise
+    relative to `size`.
     """
 
     title: str
@@ -102,7 +103,7 @@ class Rows:
 
 
 def panels_of(recording: Recording, style: FigureStyle) -> list[Rows]:
-    """Return the panels over time of a recording: energies, and coordinates if no points are named."""
+    """Return the panels over time for a recording: the energies and, if no points are named, the coordinates."""
     panels, statement = list[Rows](), recording.statement
     names = () if recording.points else statement.names
     per_panel = max(1, ceil(len(names) / MOST_PANELS))
@@ -123,11 +124,12 @@ def panels_of(recording: Recording, style: FigureStyle) -> list[Rows]:
 
 
 class Film:
-    """Draws the frames of a recording as pixels. The fixed parts are drawn with the first frame.
+    """Draws the frames of a recording as pixels.
 
-    `size` are the width and height in pixels; with None the picture fits the motion. `trail` is the duration of the
-    trails in the time of the run. A trail is the path of a point during this duration before a frame. With None the
-    duration is `TRAIL_SECONDS` on the screen.
+    `timing` has the times of the frames, and `style` the colours. `size` is the width and height in pixels; with None
+    the picture fits the motion. A trail is the path of a point before the time of the frame. `trail` is its duration in
+    the time of the run; with None the duration is `TRAIL_SECONDS` on the screen. The first frame takes longer, because
+    the fixed parts are drawn with it.
     """
 
     def __init__(
@@ -176,7 +178,7 @@ class Film:
 
 
 class _FilmFigure:
-    """Matplotlib figure of a film: its fixed parts, drawn once as pixels, and the artists that move."""
+    """Matplotlib figure of a film: the pixels of its fixed parts, which are drawn once, and the moving parts."""
 
     def __init__(self, film: Film) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -203,9 +205,9 @@ class _FilmFigure:
 
     @cached_property
     def clear(self) -> Pixels:
-        """Pixels of the picture with its fixed parts, and with all curves at full opacity over their whole length.
+        """Pixels of the fixed parts, with all curves opaque over their whole length.
 
-        Each frame copies from these pixels the part of each curve up to its time.
+        Each frame copies from these pixels the part of each curve up to the time of the frame.
         """
         self.pixels[...] = self.still
         for chart in self.charts:
@@ -214,7 +216,7 @@ class _FilmFigure:
         return self.pixels.copy()
 
     def header(self, film: Film) -> None:
-        """Write the name of the system, and the speed if it is not real time; create the text of the clock."""
+        """Write the name of the system, and the speed if it differs from real time; create the text with the time."""
         style, (width, height) = film.style, film.size
         across, top = width / film.plan.scale, height / film.plan.scale - 20
 
@@ -231,7 +233,7 @@ class _FilmFigure:
             write(14, top - 15, "coordinates; no positions are stated", style.quiet, fontsize=10)
 
     def at(self, k: int, clock: str) -> Pixels:
-        """Draw the picture at sample number `k` with the text `clock`, and return its pixels."""
+        """Draw the picture at sample number `k` of the recording, with the time as text `clock`; return its pixels."""
         clear = self.clear if k else self.still
         self.pixels[...] = self.still
         for chart in self.charts:
@@ -258,10 +260,10 @@ class _Plan:
 
 
 def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -> _Plan:
-    """Return the layout of a picture: the panel of points `scene`, none if it is None, and `count` other panels.
+    """Return the layout of a picture: the panel of moving points `scene`, or no such panel if None, and `count` others.
 
-    Panels are above one another, or side by side if the first is tall. `size` is the requested size in pixels or
-    None.
+    Panels are below one another; if the panel of points is tall, the others are beside it. `size` is the requested
+    width and height in pixels, or None. Raises StatementError if the size is too small.
     """
     width = size[0] if size else PICTURE_WIDTH
     scale = max(SMALLEST_SCALE, width / PICTURE_WIDTH)
@@ -307,7 +309,7 @@ def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -
 
 
 class MovingScene:
-    """One panel with the moving named points, their links and their trails."""
+    """Panel of an animation with the moving named points, their links, and trails of the duration `trail`."""
 
     def __init__(self, recording: Recording, trail: float, style: FigureStyle) -> None:
         self.recording, self.style = recording, style
@@ -343,12 +345,12 @@ class MovingScene:
 
     @property
     def ratio(self) -> float:
-        """Ratio of height to width of the panel that fits the motion."""
+        """Ratio of height to width of the panel for which the motion fills the panel."""
         width, height = np.ptp(self.limits, axis=1)
         return float(height / width) if self.to_scale else 0.6
 
     def place(self, axis: Axes) -> None:
-        """Draw the frame, the labels, the legend and the floor of the panel `axis`, and set the width of springs."""
+        """Draw the fixed parts of the panel `axis`: frame, labels, legend and floor. Set the width of springs."""
         style, unit = self.style, length_unit(self.recording.statement)
         dress(axis, style)
         window = axis.get_window_extent()
@@ -406,7 +408,10 @@ class MovingScene:
 
 
 class Pen:
-    """Draws lines and marks in a panel directly with Matplotlib's renderer, ten times as fast as with artists."""
+    """Draws lines and marks in a panel directly with Matplotlib's renderer, ten times as fast as with artists.
+
+    `paper` is the colour of the background.
+    """
 
     def __init__(self, renderer: Any, axis: Axes, paper: str) -> None:
         from matplotlib.colors import to_rgb
@@ -450,7 +455,7 @@ class Pen:
 
 
 class MovingChart:
-    """Curves over time in one panel of an animation.
+    """Curves over time in one panel of an animation; `named` if the time axis has labels.
 
     In each frame a curve is opaque up to the time of the frame, pale after it, and has a dot at that time.
     """
@@ -479,7 +484,7 @@ class MovingChart:
             axis.tick_params(labelbottom=False)
 
     def past(self, k: int, height: int) -> tuple[slice, slice]:
-        """Return the slices of pixel rows and columns that contain the curves up to sample number `k`.
+        """Return the slices of pixel rows and of pixel columns that contain the curves up to sample number `k`.
 
         `height` is the height of the picture in pixels.
         """
@@ -488,7 +493,7 @@ class MovingChart:
         return slice(height - ceil(box.y1) - 2, height - int(box.y0) + 2), slice(left, right)
 
     def draw(self, k: int, pen: Pen) -> None:
-        """Draw a vertical line at the time of sample number `k`, and a dot on each curve there."""
+        """Draw a vertical line at the time of sample number `k`, and a dot on each curve at that time."""
         t = float(self.t[k])
         pen.line(np.array([[t, t], self.axis.get_ylim()]), self.style.quiet, widths.MARK)
         for row, colour in zip(self.rows.rows, self.rows.colours, strict=True):

@@ -1,4 +1,4 @@
-"""GIF and MP4 files of the frames of a film."""
+"""Write an animation as a GIF file, or by ffmpeg as an MP4 file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lagrange.show.animation.film import Film, Pixels
 from lagrange.show.figures.style import parts_of
 
 SHORTEST_FRAME = 2
-"""Least duration of a frame, in hundredths of a second: browsers show shorter ones for a tenth of a second."""
+"""Least duration of a frame, in hundredths of a second: browsers show a shorter frame for a tenth of a second."""
 
 _BLENDS = 9  # Shades between the background and each colour, for the edges of lines and for trails
 _CLEAR = 255  # Index of the transparent colour: the pixel of the previous frame stays
@@ -29,9 +29,9 @@ _FOREVER = b"\x21\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00"
 def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int], None]) -> None:
     """Write the frames of a film as a GIF; `tell` is called with the number of each drawn frame.
 
-    Frames are shown for `interval` seconds each; if this is too short for a GIF, some are left out. A frame of the
-    file is the smallest rectangle that contains the changed pixels. Unchanged pixels in it are transparent, which
-    compresses well.
+    Each frame is shown for `interval` seconds; if this is too short for a GIF, some frames are left out. The file
+    stores for each frame the smallest rectangle that contains the changed pixels. Unchanged pixels in this rectangle
+    are transparent, which compresses well.
     """
     from PIL import GifImagePlugin
     from PIL.Image import fromarray
@@ -65,18 +65,15 @@ def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int],
 
 
 def _ends(changed: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the index of the first true value, and the index after the last one.
-
-    Without true values both are arbitrary.
-    """
+    """Return the index of the first true value, and the index after the last true value; (0, 1) if none is true."""
     indices = np.flatnonzero(changed)
     return (int(indices[0]), int(indices[-1]) + 1) if len(indices) else (0, 1)
 
 
 class _Colours:
-    """At most 255 colours, `table` (256, 3): those of a film and their blends with the background.
+    """Colour table of a GIF: `table` (256, 3) has up to 255 colours, those of a film and blends with the background.
 
-    `nearest` has the number of the nearest colour for each of the cells that `_cells` returns.
+    `nearest` has the row of the nearest colour in `table` for each of the 32,768 colours that `_cells` distinguishes.
     """
 
     def __init__(self, film_colours: tuple[str, ...]) -> None:
@@ -97,7 +94,7 @@ class _Colours:
 
 
 def _cells(pixels: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Return for each pixel (K, 4) the index of its colour, rounded to a grid of 32 by 32 by 32 colours."""
+    """Return an index (K,) for the colour of each pixel (K, 4), rounded to one of 32 by 32 by 32 colours."""
     red, green, blue = (pixels[:, k].astype(np.uint16) >> np.uint16(3) for k in range(3))
     cells: NDArray[np.uint16] = (red << np.uint16(10)) | (green << np.uint16(5)) | blue
     return cells

@@ -1,4 +1,4 @@
-"""The recording of a run for moving pictures: frame rate, number of frames, and states, positions and energies."""
+"""Choose the frame times of an animation, and record the states, positions and energies of a run at these times."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_FRAMES = 3000
-"""Largest number of frames of an animation: 100 s at 30 frames a second. As a GIF they take some 20 MB."""
+"""Largest number of frames of an animation: 100 s at 30 frames per second, or some 20 MB as a GIF."""
 
 LEAST_FPS, MOST_FPS = 1.0, 60.0
-"""Least and largest number of frames per second: below, motion is invisible; above, no common screen shows them."""
+"""Least and largest number of frames per second. Fewer show no motion; more are not shown by common screens."""
 
 SHORTEST_RUN = 1.0  # Duration in seconds below which a run is slowed down, unless a speed is given
 _TINY = 1e-290  # Duration of a run below which its speed overflows a double
@@ -29,9 +29,9 @@ _TINY = 1e-290  # Duration of a run below which its speed overflows a double
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """Times of the frames in the run, (K,), and the duration of each frame on the screen, in seconds.
+    """Times `t` (K,) of the frames in the run, and duration `interval` of each frame on the screen, in seconds.
 
-    The first frame is at the start of the run. `speed` is the time of the run per second on the screen; `notes` are
+    The first frame is at the start of the run. `speed` is the time of the run per second on the screen. `notes` are
     sentences on settings that differ from the requested ones.
     """
 
@@ -52,10 +52,11 @@ class Timing:
 
 
 def timing(span: tuple[float, float], fps: float, speed: float | None = None) -> Timing:
-    """Return the timing of a run from span[0] to span[1], which may be earlier, at about `fps` frames per second.
+    """Return the frame times of a run from span[0] to span[1], which may be smaller, at about `fps` frames per second.
 
-    Without `speed` the run is shown in real time, one unit of time per second. If that takes less than 1 s or more than
-    `MOST_FRAMES` frames, a round speed is chosen instead. With `speed`, frames after `MOST_FRAMES` are cut.
+    `speed` is the time of the run per second on the screen; frames after `MOST_FRAMES` are left out. With None the run
+    is shown in real time, one unit of time per second. If this takes less than 1 s or more than `MOST_FRAMES` frames, a
+    round speed is chosen. Raises StatementError for an invalid `fps` or `speed`.
     """
     fps = real_number(fps, "fps")
     if not LEAST_FPS <= fps <= MOST_FPS:
@@ -92,9 +93,9 @@ def timing(span: tuple[float, float], fps: float, speed: float | None = None) ->
 
 
 def _fitting(duration: float, fps: float) -> float:
-    """Return the speed for a run of this `duration`, at `fps` frames per second.
+    """Return the default speed for a run of this `duration`, at `fps` frames per second.
 
-    It is 1, real time, or a round speed if the animation would be too short or too long otherwise.
+    The speed is 1, which is real time, or a round number if the animation would be too short or too long.
     """
     longest = (MOST_FRAMES - 1) / fps
     if duration < _TINY or SHORTEST_RUN <= duration <= longest:
@@ -117,15 +118,14 @@ MOST_DETAIL = 16
 """Largest number of samples for each frame: a path turns by a few degrees between two of them."""
 
 _GAP = 2.5
-"""If V and E, drawn from zero, extend the range of the energies by more than this factor, they are drawn from the least
-V."""
+"""The least V is subtracted from V and E for drawing if this divides the range of the energies by more than this."""
 
-JUMP = 1e-9  # Change of a state at an event, relative to the states, above which the event has reset it
+JUMP = 1e-9  # Change of the state at an event, relative to the state, above which the event has reset the state
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A run at S = (K - 1) detail + 1 times `t`: the times of K frames, and detail - 1 times between two frames.
+    """A run at S sample times `t` (S,): at the K frames, and at `detail` - 1 times between neighbouring frames.
 
     - `states` are (2n, S).
     - `points` are the named points, (2, S) or (3, S) each; the dict may be empty.
@@ -152,7 +152,7 @@ class Recording:
     def zero(self) -> float:
         """Energy that is subtracted from V and E for drawing: 0, or the least V.
 
-        It is the least V if curves that start from 0 would look like straight lines.
+        The least V is subtracted if the curves would otherwise look like straight lines.
         """
         if len(self.energies) < 2:
             return 0.0
@@ -213,12 +213,12 @@ def recording_of(solution: Solution, timing: Timing) -> Recording:
 
 
 THINNING_ERROR = 1e-3
-"""Tolerance of thinning: the largest distance between a curve and the straight lines through its samples, relative to
-its extent. It is half a pixel."""
+"""Tolerance of thinning: the largest distance between a curve and the straight lines through the remaining samples,
+relative to the extent of the curve. It is half a pixel."""
 
 
 def thinned(recording: Recording) -> Recording:
-    """Return the recording with fewer samples between its frames: the fewest with which every curve looks the same."""
+    """Return the recording with the smallest number of samples between frames for which every curve looks the same."""
     groups = [[row for point in recording.points.values() for row in point], [*recording.energies.values()]]
     groups += [[row] for row in recording.states[: len(recording.statement.names)]]
     rows = [(row, max(map(np.ptp, group), default=0.0)) for group in groups for row in group]
@@ -265,9 +265,9 @@ def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str
 
 
 def _jumps(solution: Solution, t: FloatArray) -> NDArray[np.intp]:
-    """Return the indices (k,) of the samples before a jump.
+    """Return the indices (k,) of the samples after which a curve jumps, because an event sets states or parameters.
 
-    At a jump an event sets states or parameters, before the next sample.
+    `t` are the times of all samples.
     """
     run = solution.trajectory
     times = [np.empty(0)] if run.history is None else [run.history.begins[1:]]

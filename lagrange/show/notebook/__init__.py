@@ -1,1 +1,1 @@
-"""Output in notebooks: pages of systems, derivations and results, and tables with pictures."""
+"""Show systems, derivations and results in a notebook: pages with formulas, and tables with pictures."""

@@ -1,4 +1,4 @@
-"""Tables and pictures of results as HTML of limited length; all colours are those of the notebook."""
+"""Write tables, sentences and pictures of results as HTML of limited length, in the colours of the notebook."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_TABLE = 12_000  # Longest table in a notebook, in characters: some hundred rows
-MOST_TEXT = 600  # Longest sentence or entry, in characters; print() shows all of it
+MOST_TEXT = 600  # Longest sentence or table entry in a notebook, in characters; print() shows the whole text
 MOST_SENTENCES = 8  # Largest number of sentences about one result in a notebook
 _LEFT = "style='text-align:left'"
 
@@ -33,7 +33,7 @@ def pairs(heading: str, rows: Sequence[tuple[str, str]]) -> str:
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return an HTML table; of many rows some are left out, and a sentence gives their number."""
+    """Return an HTML table of at most `MOST_TABLE` characters; a sentence gives the number of rows left out."""
     head = "".join(f"<th {_LEFT}>{text(name)}</th>" for name in headings)
     body, shown = "", 0
     for row in rows:
@@ -67,9 +67,10 @@ def image(figure: Figure, about: str) -> str:
 
 
 def pictured(card: str, draw: Callable[[], Figure], about: str) -> str:
-    """Return `card`, a text in HTML, followed by the picture that `draw` returns, or by the reason why there is none.
+    """Return `card`, a text in HTML, followed by the figure that `draw` returns.
 
-    `about` says what the picture shows, for its alternative text.
+    If `draw` raises StatementError, its message replaces the figure. `about` says what the figure shows, for its
+    alternative text.
     """
     try:
         return card + image(draw(), f"plot of {about}")

@@ -1,8 +1,8 @@
-"""Markdown pages with formulas in LaTeX, of limited length, whose long parts fold.
+"""Write what a notebook shows as Markdown with LaTeX formulas: limited length, long parts folded; lists of formulas.
 
-The pages are Markdown because JupyterLab, VS Code, Colab, nbviewer and nbconvert all render formulas in Markdown. VS
-Code does not render formulas in HTML, and JupyterLab removes MathML from notebooks that are not trusted. LaTeX also
-takes a fifth of the space of MathML.
+JupyterLab, VS Code, Colab, nbviewer and nbconvert all render formulas in Markdown. VS Code does not render formulas in
+HTML, and JupyterLab removes MathML from notebooks that are not trusted. LaTeX also takes a fifth of the space of
+MathML.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from lagrange.statement.statement import Statement
 MOST_CHARACTERS = 20_000
 """Longest page in a notebook, in characters without pictures: the page of a double pendulum takes 2,000."""
 MOST_SHOWN_OPERATIONS = 600
-"""Largest number of operations of an expression that is written or derived for a notebook, which takes about a second.
-All scenes of the library have fewer."""
+"""Largest number of operations of an expression that a notebook shows, or from which it derives equations. More would
+take over a second. All scenes of the library have fewer."""
 LONG = 12  # Largest number of lines of formulas, or entries of a list, that is shown unfolded
 NEXT_LINE = r" \\ "  # Separator of the lines of a formula
 Part = tuple[str, str]  # Name of a part of a page, and its text
 
 
 def joined(parts: Iterable[Part], instead: str, most: int = MOST_CHARACTERS) -> str:
-    """Return a page: its parts, as far as they fit within `most` characters.
+    """Return a page of at most `most` characters from `parts`, pairs of name and text.
 
-    `parts` are pairs of name and text. A part that does not fit is replaced by a sentence, which ends with `instead`;
-    the page ends there if little room is left.
+    A sentence that ends with `instead` replaces a part that does not fit. The page ends with this sentence if the space
+    is almost used up.
     """
     shown: list[str] = []
     room = most
@@ -52,9 +52,9 @@ def joined(parts: Iterable[Part], instead: str, most: int = MOST_CHARACTERS) -> 
 
 
 def left_out(name: str, why: str, instead: str) -> str:
-    """Return the sentence that replaces the part `name`; `why` is the reason.
+    """Return the Markdown sentence that replaces the part `name` of a page.
 
-    `instead` is a Markdown clause that says where to find the part.
+    `why` is the reason why the part is missing, and `instead` says in Markdown where to find it.
     """
     return f"*{markdown_text(name)}: not shown here, {markdown_text(why)}; {instead}*"
 
@@ -84,7 +84,7 @@ def _plain(latex: str) -> str:
 
 
 class PageWriter:
-    """Writes parts of pages in the symbols of one statement."""
+    """Writes the parts of a notebook page as Markdown, with LaTeX formulas in the symbols of one statement."""
 
     def __init__(self, statement: Statement) -> None:
         self.statement = statement
@@ -103,7 +103,7 @@ class PageWriter:
         return _plain(self._page.lines.setter.condition(condition))
 
     def values(self, values: Mapping[Any, Any], units: Mapping[Any, str] | None = None) -> str:
-        """Return symbols and their values as text for a sentence, such as m = 2 kg; units where they are stated."""
+        """Return symbols with their values, and with their `units` if stated, as text such as m = 2 kg, l = 1 m."""
         stated_units = units or {}
         parts = []
         for symbol, value in values.items():
@@ -119,9 +119,9 @@ class PageWriter:
         return f"$$\n{_plain(self._page.formula(*formulas))}\n$$"
 
     def short(self, formula: Formula, name: str, instead: str) -> str:
-        """Return a formula as LaTeX in Markdown; a sentence replaces a formula with too many operations.
+        """Return a formula as LaTeX in Markdown, or a sentence if the formula has too many operations.
 
-        The sentence begins with `name` and ends with `instead`.
+        The sentence begins with `name`, the name of the formula, and ends with `instead`, which says where to find it.
         """
         if formula.operations > MOST_SHOWN_OPERATIONS:
             return left_out(name, f"it has {formula.operations} operations", instead)
@@ -171,9 +171,9 @@ class EquationList(list[Any]):
 
 
 class ExpressionDict(dict[Any, Any]):
-    """A dict from symbols to SymPy expressions; a notebook shows it as formulas.
+    """A dict from coordinates to SymPy expressions; a notebook shows it as formulas.
 
-    `shown` maps a key to the left side of its formula, such as the acceleration of a coordinate.
+    `shown` maps a coordinate to the left side of its formula, such as the acceleration of the coordinate.
     """
 
     def __init__(self, expressions: Mapping[Any, Any], statement: Statement, shown: Mapping[Any, Any]) -> None:
@@ -234,7 +234,7 @@ def scenes() -> list[str]:
 
 
 def _formulas(rows: Iterable[tuple[str, Any, Any]], statement: Statement) -> str:
-    """Return a page of formulas; `rows` has the name, the left side and the right side of each."""
+    """Return the Markdown page of some formulas; `rows` has for each its name, its left side and its right side."""
     writer = PageWriter(statement)
     instead = "`print(...)` has it."
     return joined(((name, writer.short(Formula(tuple(sides)), name, instead)) for name, *sides in rows), instead)

@@ -1,4 +1,4 @@
-"""The pages of results in a notebook, each registered for its class."""
+"""What a notebook shows for reports, conserved quantities, equilibria, modes, linearizations and Hamiltonians."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def report_page(report: Report) -> str:
 
 @notebook_page.register
 def comparison_page(comparison: EquationsComparison) -> str:
-    """Return the verdict on a student's equations, and the state at which one of them does not hold."""
+    """Return the page of a comparison: the verdict on a student's equations, and a state at which they do not hold."""
     verdict = f"{bold('Right' if comparison else 'Wrong')}: {markdown_text(comparison.message)}"
     if not comparison.counterexample:
         return verdict
@@ -59,7 +59,7 @@ def conserved_parts(conserved: Conserved, writer: PageWriter) -> Iterator[Part]:
 
 
 def equilibrium_parts(equilibrium: Equilibrium, writer: PageWriter) -> Iterator[Part]:
-    """Yield the coordinates of the equilibrium, its stability with the reason, and its energy."""
+    """Yield one part of a page: the coordinates of the equilibrium, its stability with the reason, and its energy."""
     free = [q for q, x in equilibrium.coordinates.items() if q == x]
     values = {q: x for q, x in {**equilibrium.coordinates, **equilibrium.velocities}.items() if q != x}
     where = [writer.values(values)] if values else []
@@ -71,7 +71,7 @@ def equilibrium_parts(equilibrium: Equilibrium, writer: PageWriter) -> Iterator[
 
 
 def _modes(modes: Modes, writer: PageWriter) -> Iterator[Part]:
-    """Yield the frequencies of the modes with their shapes."""
+    """Yield parts of a page: the stability of the modes, then the frequency and the shape of each mode."""
     names = ", ".join(map(writer.inline, modes.coordinates))
     yield "the modes", f"{bold('Modes')} in {names}, {STABILITY[modes.stable]}: {markdown_text(modes.reason)}"
     for k, (frequency, decay, shape) in enumerate(zip(modes.frequencies, modes.decay, modes.shapes, strict=True), 1):
@@ -91,9 +91,9 @@ def _modes(modes: Modes, writer: PageWriter) -> Iterator[Part]:
 
 
 def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
-    """Return the numerical value of a frequency as LaTeX for the end of a formula, or "".
+    """Return the LaTeX of "about" and the numerical value of a frequency, for the end of a formula, or "".
 
-    The result is "" for a frequency without symbols, and for one with a symbol that has no value.
+    The result is "" if the frequency contains no symbol, and if one of its symbols has no value.
     """
     value = sympy.N(frequency.subs(modes.linearization.statement.defaults))
     if not (modes.symbolic and value.is_number and frequency.free_symbols):
@@ -102,7 +102,7 @@ def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
 
 
 def _linearization(linear: Linearization, writer: PageWriter) -> Iterator[Part]:
-    """Yield the matrices M, C, K and those of the inputs, with the point of linearization."""
+    """Yield parts of a page: the point of linearization, the matrices M, C and K, and the matrix of the inputs."""
     yield "the point", f"{bold('Linearization')} at {writer.values(linear.at)}. {markdown_text(linear.note)}"
     for name, matrix in {"M": linear.M, "C": linear.C, "K": linear.K, "input_matrix": linear.input_matrix}.items():
         if not len(matrix):
@@ -121,7 +121,7 @@ takes 1 s."""
 
 
 def _hamiltonian(hamiltonian: Hamiltonian, writer: PageWriter) -> Iterator[Part]:
-    """Yield the Hamiltonian H and Hamilton's equations."""
+    """Yield parts of a page: the Hamiltonian H, and Hamilton's equations unless H is too long."""
     energy = hamiltonian.expression
     yield (
         "the Hamiltonian",
@@ -142,9 +142,9 @@ def _rounded(value: Any) -> Any:
 
 
 def _register(kind: type, parts: Callable[[Any, PageWriter], Iterator[Part]], instead: str) -> None:
-    """Register `parts` as the function that yields the parts of the page of a result of the class `kind`.
+    """Register what a notebook shows for a result of the class `kind`: the parts that `parts(result, writer)` yields.
 
-    A part that is too long is replaced by a sentence. `instead` ends it: it says where the values are.
+    A sentence replaces a part that is too long. It ends with `instead`, which says where the values are.
     """
 
     def page(result: Any) -> str:

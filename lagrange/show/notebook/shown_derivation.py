@@ -1,4 +1,4 @@
-"""The page of a system in a notebook, and a derivation that prints itself in every format."""
+"""The result of `system.derivation()`, which prints itself in every format, and what a notebook shows for a system."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ SYSTEM_INSTEAD = "`print(system.derivation())` has it as text, `system.equations
 
 
 def system_page(derivation: Derivation, findings: Sequence[str]) -> str:
-    """Return the Markdown page of a system for a notebook; `findings` are sentences about the system.
+    """Return the Markdown page of a system for a notebook.
 
-    They are about its structure and its conserved quantities.
+    `findings` are sentences about the structure and the conserved quantities of the system.
     """
     return joined(_system_parts(derivation, findings), SYSTEM_INSTEAD)
 
@@ -65,9 +65,9 @@ NAMED_COORDINATES = 12  # Largest number of coordinates that are named; more are
 
 
 def _statement_parts(statement: Statement, writer: PageWriter) -> Iterator[Part]:
-    """Yield the stated energies, forces, given motions and constraints as parts of a page.
+    """Yield the stated energies, forces, known functions of time and constraints as parts of a page.
 
-    Short ones are lines of one block of formulas. A sentence replaces a long one.
+    Short formulas are lines of one block. A sentence replaces a long formula.
     """
     rows = list(stated_formulas(statement))
     formulas = [row for row in rows if isinstance(row, Formula)]
@@ -136,9 +136,9 @@ class ShownDerivation(Derivation):
         return self.written("html")
 
     def latex(self, *, title: str = "", author: str = "", date: str = "", problem: str = "") -> str:
-        """Return the derivation as a document for pdflatex, with these texts above it.
+        """Return the derivation as a document for pdflatex, with a title, an author, a date and a problem above it.
 
-        The default title is the name of the system.
+        The default title is the name of the system. Empty texts are left out.
         """
         return self.written("latex", title=title, author=author, date=date, problem=problem)
 
@@ -157,7 +157,7 @@ class ShownDerivation(Derivation):
             return page
 
     def _sections(self) -> Iterator[Section]:
-        """Yield the sections at this level of detail, without the remarks."""
+        """Yield the sections that the level of detail `detail` includes, without the remarks."""
         return (section for section in sections(self) if section.heading not in LEFT_OUT[self.detail])
 
     def _remarks(self) -> list[Section]:
