@@ -1,1 +1,1 @@
-"""The command line: one function for each command, and the signals that end it."""
+"""The command line `lagrange`: one function for each command, and the signals that end a command."""

@@ -1,4 +1,4 @@
-"""Shared parts of the commands: options, numbers, scenes, folders, the answer of a command and its exit code."""
+"""Parse what all commands share, options, numbers, scenes and folders; the answer of a command and its exit codes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PICTURES = (".png", ".svg", ".pdf")  # Suffixes of files of still pictures
 
 @dataclass(frozen=True)
 class Answer:
-    """Result of a command: its exit code, its text, and the same content as data for --json."""
+    """Result of a command: the exit code, the text to print, and the same content as data for --json."""
 
     code: int
     text: str
@@ -38,13 +38,13 @@ class Answer:
 
 
 class Help(argparse.HelpFormatter):
-    """Formatter of the help text: the column of commands is as wide as the longest name with its indentation.
+    """Formatter of the help text, whose column of command names is wide enough for indented names.
 
-    The class of argparse does not count the indentation.
+    The formatter of argparse does not count the indentation.
     """
 
     def add_argument(self, action: argparse.Action) -> None:
-        """Add an argument to the help text; the column of commands is widened by their indentation."""
+        """Add an argument to the help text, and widen the column of command names by the indentation."""
         super().add_argument(action)
         if action.nargs == argparse.PARSER:
             self._action_max_length += self._indent_increment
@@ -53,7 +53,8 @@ class Help(argparse.HelpFormatter):
 class CommandParser(argparse.ArgumentParser):
     """A parser whose error messages suggest the nearest known word, and fit the width of the terminal.
 
-    `add_options` adds the arguments of a command when it is parsed, so that the modules of others are not loaded.
+    `add_options` adds the arguments of a command only when this command is parsed, so that the modules of other
+    commands are not loaded.
     """
 
     add_options: Callable[[CommandParser], None] | None = None
@@ -82,7 +83,7 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def add_scene(command: CommandParser, function: Callable[[argparse.Namespace], Answer]) -> None:
-    """Set the function that runs a command, and add the argument of the command, a scene."""
+    """Set the function that runs a command, and add the argument SCENE."""
     command.set_defaults(command=function)
     command.add_argument("scene", metavar="SCENE", help="a scene file, or a name that `lagrange scenes` lists")
 
@@ -115,7 +116,7 @@ def add_initial(command: CommandParser) -> None:
 
 
 def start(request: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of `add_start` from the command line, as keyword arguments of a run."""
+    """Return the values of the options that `add_start` added, as keyword arguments of `System.run`."""
     stated = {
         "initial": assignments("--initial", request.initial),
         "parameters": assignments("--set", request.set),
@@ -174,8 +175,9 @@ def folder(name: str) -> Path:
 def entries(option: str, texts: Sequence[str], form: str, example: str) -> dict[str, list[str]]:
     """Return the values of a repeated option NAME=VALUE by name; each value is split at its colons.
 
-    `texts` are those after the option: "l=0.5:2" gives {"l": ["0.5", "2"]}. `form` is the required form of a value,
-    such as LOW:HIGH, and `example` is an example for errors.
+    `texts` are the arguments of the option; "l=0.5:2" gives {"l": ["0.5", "2"]}. `form` is the required form of a
+    value, such as LOW:HIGH, and `example` is an example for error messages. Raises StatementError for another form, and
+    for a name that occurs twice.
     """
     table: dict[str, list[str]] = {}
     for text in texts:
@@ -190,13 +192,13 @@ def entries(option: str, texts: Sequence[str], form: str, example: str) -> dict[
 
 
 def assignments(option: str, texts: Sequence[str]) -> dict[str, float]:
-    """Return the values of a repeated option NAME=VALUE, by name."""
+    """Return the numbers of a repeated option NAME=VALUE by name; `texts` are the arguments of the option."""
     stated = entries(option, texts, "VALUE", "m=2")
     return {name: number(f"{option} {name}", value) for name, (value,) in stated.items()}
 
 
 def given_number(option: str, text: str | None) -> float | None:
-    """Return the number in the text of an option, None if the option is absent."""
+    """Return the number that `text`, the argument of an option, states; None if the option is absent."""
     return None if text is None else number(option, text)
 
 
@@ -215,7 +217,10 @@ def number(option: str, text: str) -> float:
 
 
 def count(option: str, text: str | None) -> int | None:
-    """Return the whole number in the text of an option, at least 2, or None if the option is absent."""
+    """Return the whole number, at least 2, that `text`, the argument of an option, states.
+
+    The result is None if the option is absent. Raises StatementError for any other text.
+    """
     if text is None:
         return None
     if not re.fullmatch(r"[0-9]{1,8}", text) or int(text) < 2:

@@ -1,4 +1,4 @@
-"""The command `lagrange grade`: compare students' equations with those of a scene; its table and exit codes."""
+"""The command `lagrange grade`, which compares students' equations with a scene: read files, write the table."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LONGEST_SHOWN = 250  # Longest name of a file in a message, in characters
 COLUMNS = ("student", "verdict", "finding", "reading")  # Columns of the table of a folder of answers
 
 _CONTROL = re.compile(r"[\0-\x08\x0e-\x1f]|\A(?:%PDF|\{\\rtf)")
-"""Matches a control character, or the first bytes of a file, that plain text does not contain."""
+"""Pattern of texts that are not plain: a control character, or the beginning of a PDF or RTF file."""
 
 UNREADABLE = "cannot be read"  # Verdict for an answer that cannot be read
 
@@ -72,7 +72,8 @@ def _is_folder(name: str) -> bool:
 def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bool) -> Answer:
     """Compare every file of a folder with the system, and write the table to `out` if it is not None.
 
-    A file that cannot be read does not stop the others.
+    A file that cannot be read has the verdict `UNREADABLE`; the other files are still compared. `progress` shows the
+    number of compared files.
     """
     files = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".") and not path.is_dir()]
     if not files:
@@ -100,7 +101,7 @@ def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bo
 def _graded(system: System, path: Path) -> dict[str, Any]:
     """Return the result for one file as a dict: the columns of the table, and all fields of the comparison for --json.
 
-    The column with the student's name is missing.
+    Only the column "student" is missing.
     """
     row: dict[str, Any] = {"file": str(path), "right": False, "reading": ""}
     try:

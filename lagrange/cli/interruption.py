@@ -1,9 +1,9 @@
-"""A standard output that may be closed, and the signals that ask a program to end: SIGINT (Ctrl-C), SIGTERM, SIGHUP.
+"""End the command line cleanly: on SIGINT (Ctrl-C), SIGTERM and SIGHUP, and if standard output is closed.
 
 Python raises KeyboardInterrupt in whatever code runs when a signal arrives. Inside an import or a finalizer the
-exception is lost or becomes another error. So such a signal is stored, and sent again until other code runs.
+exception is lost or becomes another error. So a signal that arrives there is stored, and sent again later.
 
-Few modules are imported here: until the handlers are installed, Ctrl-C prints a traceback. A run that is interrupted
+This module imports few others, because Ctrl-C prints a traceback until the handlers are installed. An interrupted run
 keeps its steps: see `lagrange/trajectory/run_loop.py`.
 """
 
@@ -18,13 +18,14 @@ import time
 from contextlib import suppress
 
 UNWRITTEN, UNREAD = 1, 141
-"""Exit codes: the output cannot be written; broken pipe, 128 + the number of SIGPIPE."""
+"""Exit codes: for output that cannot be written, and for a broken pipe, which is 128 + the number of SIGPIPE."""
 
 
 def output(text: str, code: int) -> int:
-    """Print a text to standard output and return the exit code, which is not 0 if the text cannot be written.
+    """Print a text to standard output and return the exit code.
 
-    It is `code`, or another one if `code` is 0 and writing fails. A broken pipe is not reported.
+    The exit code is `code`. If `code` is 0 and writing fails, it is `UNWRITTEN`, or `UNREAD` for a broken pipe. A
+    broken pipe is not reported.
     """
     try:
         if sys.stdout is None:
@@ -121,10 +122,7 @@ class Interruption:
             raise Signalled(self.number)
 
     def _come_again(self) -> None:
-        """Send the signal again after `INTERVAL` seconds.
-
-        This code runs in the main thread, and the main thread receives the signal.
-        """
+        """Send the signal again to the main thread after `INTERVAL` seconds. Must be called in the main thread."""
         number, main_thread = self.number or signal.SIGINT, _thread.get_ident()
 
         def wait() -> None:
@@ -137,9 +135,9 @@ class Interruption:
         _thread.start_new_thread(wait, ())
 
     def _lost(self, unraisable: Any) -> None:
-        """Send a signal again if its exception was lost, for example in a finalizer. This is a `sys.unraisablehook`.
+        """Send a signal again if its exception was lost, for example in a finalizer. Installed as `sys.unraisablehook`.
 
-        After a signal, other unraisable exceptions are dropped: they come from partly initialized objects.
+        After a signal, other unraisable exceptions are dropped, because they come from partly initialized objects.
         """
         if self.number is None:
             sys.__unraisablehook__(unraisable)

@@ -1,4 +1,4 @@
-"""The command line: the table of commands, the parser, the commands derive, check, scenes and new, and a new scene.
+"""The program `lagrange`: table of commands, parser, output, the commands derive, check, scenes and new.
 
 Neither SymPy nor NumPy is imported before the arguments are parsed, so that help appears at once.
 """
@@ -54,7 +54,10 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "scenes": ("lagrange.cli.program", "list the library of scenes"),
     "new": ("lagrange.cli.program", "write a commented scene file to start from"),
 }
-"""Commands in the order of the help: the module, imported when the command is parsed, and the line of help."""
+"""Commands in the order of the help text: the module that has the command, and the line of help.
+
+The module is imported only when the command is parsed.
+"""
 
 STARTER = """\
 # A scene: one mechanical system, stated by its energies. Run it with:  lagrange run {file}
@@ -107,9 +110,9 @@ t_end = 10.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command of the arguments and return the exit code.
+    """Run the command that the arguments `argv` name, those of the process by default, and return the exit code.
 
-    It is 0 for done, 1 for failed, 2 for a wrong request, 130 for interrupted, 141 for a broken pipe.
+    The code is 0 for done, 1 for failed, 2 for a wrong request, 130 for interrupted, 141 for a broken pipe.
     """
     as_json = False
     try:
@@ -163,7 +166,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_options(place: str, name: str, command: CommandParser) -> None:
-    """Add the arguments of the command `name`, by the function add_`name` of the module `place`."""
+    """Import the module `place`, and let its function add_`name` add the arguments of the command `name`."""
     getattr(import_module(place), f"add_{name}")(command)
 
 

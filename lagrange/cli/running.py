@@ -1,4 +1,4 @@
-"""Commands that run systems: run, race and ensemble."""
+"""Commands that run systems: `lagrange run`, `race` and `ensemble`."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def run(request: argparse.Namespace) -> Answer:
 
 
 def _times(system: System, run_arguments: dict[str, Any], points: int | None) -> Any:
-    """Return `points` equally spaced output times from 0 to the end of a run, or None without `points`.
+    """Return `points` equally spaced output times from 0 to the end of a run, or None if `points` is None.
 
-    `run_arguments` has the arguments of the run.
+    `run_arguments` are the keyword arguments of the run.
     """
     import numpy as np
 
@@ -75,13 +75,13 @@ def _times(system: System, run_arguments: dict[str, Any], points: int | None) ->
 
 
 def _end(system: System, run_arguments: dict[str, Any]) -> float:
-    """Return the end time among the arguments of a run; if it is None, the stated one."""
+    """Return the end time in the keyword arguments of a run, or the stated end time if that is None."""
     t_end: float | None = run_arguments["t_end"]
     return system.statement.run.t_end if t_end is None else t_end
 
 
 def _in_folder(code: int, result: Any, data: dict[str, Any], target: Path | None) -> Answer:
-    """Write the files of a result into the folder `target`, if there is one, and return the answer of the command.
+    """Write the files of a result into the folder `target`, unless that is None, and return the answer of the command.
 
     The answer has the exit code `code`, the result as text, and `data` with the paths of the files.
     """
@@ -127,7 +127,7 @@ def race(request: argparse.Namespace) -> Answer:
 
 
 TABLE, STORE = ".csv", ".zarr"
-"""Suffixes: a CSV file with a line for each member, and a folder to which results are written block by block."""
+"""Suffixes of outputs of an ensemble: a CSV file with a line per member, and a folder that is written in blocks."""
 
 
 def add_ensemble(command: CommandParser) -> None:
@@ -214,9 +214,10 @@ def ensemble(request: argparse.Namespace) -> Answer:
 
 
 def _target(request: argparse.Namespace) -> Path | None:
-    """Return the file or folder that --out names, or None without --out.
+    """Return the path of the file or folder that --out names, or None without --out.
 
-    Raises StatementError before the runs, which may be long, if it cannot be written.
+    Raises StatementError for an unknown suffix, and for a file that cannot be written. The check is made before the
+    runs, which may take long.
     """
     if request.out is None:
         return None
@@ -238,9 +239,9 @@ MOST_WITHOUT_STORE = 10_000_000
 
 
 def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped: bool) -> str:
-    """Write the picture of the quantity `what`, or the table, to `out`, and return a line of text about it.
+    """Write the table of an ensemble, or the picture of the quantity `what`, to `out`; return a line that reports this.
 
-    With `stopped` the line says how to continue an interrupted ensemble.
+    `style` is the style of the picture. If `stopped`, the line says how to continue the interrupted ensemble.
     """
     ending = out.suffix.lower()
     if ending == STORE:
@@ -254,7 +255,7 @@ def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped
 
 
 def _axes(texts: list[str]) -> dict[str, tuple[float, float, int]]:
-    """Return (low, high, count) of each varied quantity by name, from the texts of --vary."""
+    """Return (low, high, count) of each varied quantity by name; `texts` are the arguments of --vary."""
     if not texts:
         raise StatementError("nothing varies: give --vary NAME=LOW:HIGH:COUNT, such as --vary theta=-3:3:100.")
     axes = {}
@@ -271,10 +272,11 @@ def _axes(texts: list[str]) -> dict[str, tuple[float, float, int]]:
 def _drawn(
     request: argparse.Namespace, out: Path | None, axes: dict[str, Any], known: list[str], points: int | None
 ) -> str | None:
-    """Return the name of the quantity that the picture shows, or None for the default.
+    """Return the name of the quantity that the picture of an ensemble shows, or None for the default.
 
     `out` is the file to write, and `axes` has (low, high, count) of each varied quantity by name. `known` are the
-    names that can be drawn, `points` is the number of output times. Raises StatementError for an invalid request.
+    names that can be drawn, and `points` is the number of output times, or None. Raises StatementError for options that
+    do not fit each other.
     """
     ending = "" if out is None else out.suffix.lower()
     if ending not in PICTURES:

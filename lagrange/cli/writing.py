@@ -1,4 +1,4 @@
-"""Commands that write files: export, page, plot and animate."""
+"""Commands that write files, `lagrange export`, `page`, `plot` and `animate`, and the list of export targets."""
 
 from __future__ import annotations
 
@@ -180,7 +180,10 @@ def animate(request: argparse.Namespace) -> Answer:
 
 
 def _file(request: argparse.Namespace, ending: str) -> Path:
-    """Return the path that --out names, or a file in the current folder with the name of the scene and this ending."""
+    """Return the path that --out names, or NAME`ending` in the current folder for a scene NAME.
+
+    Raises StatementError for an empty name, and for a path that cannot be written.
+    """
     if request.out == "":
         raise StatementError(f"--out: the name of the file is empty. Give one, such as --out run{ending}.")
     path = Path(Path(request.scene).stem + ending if request.out is None else request.out)
@@ -189,7 +192,7 @@ def _file(request: argparse.Namespace, ending: str) -> Path:
 
 
 def _size(text: str | None) -> tuple[int, int] | None:
-    """Return (width, height) of an option such as 640x480, or None if the option is absent."""
+    """Return (width, height) in pixels from the text of an option, such as 640x480; None if the option is absent."""
     if text is None:
         return None
     match = re.fullmatch(r"([0-9]{1,6})[x×]([0-9]{1,6})", text.strip())
@@ -199,5 +202,5 @@ def _size(text: str | None) -> tuple[int, int] | None:
 
 
 def _remark(solution: lg.Solution) -> str:
-    """Return a line on a run that did not reach its end, or an empty text."""
+    """Return the message of a run that did not reach its end, as a line of text; empty for a complete run."""
     return "" if code_of(solution) == DONE else f"{solution.message}\n"

@@ -1,4 +1,4 @@
-"""HTML pages: a system whose motion the page computes in JavaScript, and the player of a recorded run.
+"""HTML pages: one with sliders that computes the motion of a system in JavaScript, and one that plays a recorded run.
 
-Their scripts, styles and frames are in `template/`.
+Scripts, style sheets and HTML templates of both pages are in `template/`.
 """

@@ -1,4 +1,4 @@
-"""The HTML document of a page: data and settings of its run, parts, and a security policy against other scripts."""
+"""Assemble the HTML document of a page: data for the scripts, colours, templates, and content security policy."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ TOLERANCE = 1e-13
 """Relative and absolute tolerance of the steps. The double pendulum drifts by some 1e-12 in a minute; a picture takes
 30 us."""
 
-PAGE_STEPS = 5000  # Largest number of steps between two recorded states; a pendulum takes one
+PAGE_STEPS = 5000  # Largest number of integration steps between two states that a page draws; a pendulum takes one
 
 
 def contents(statement: Statement) -> tuple[str, ...]:
-    """Return the names of the quantities that the exported module of a system computes."""
+    """Return the names of the quantities that the JavaScript of a system's page computes."""
     optional = {"energies": not statement.lagrangian_alone, "positions": bool(statement.positions)}
     return (*ALWAYS, *(name for name, present in optional.items() if present))
 
 
 def motion_script(model: Model, parameters: Mapping[Any, Any] | None) -> tuple[str, tuple[float, ...]]:
-    """Return a script with the exported JavaScript module of a model, and the values of the model's parameters.
+    """Return the script that computes the motion of a model, and the values of the model's parameters.
 
-    The script ends with the call that passes its functions to the page, because no other script can import an inline
-    module. Raises StatementError for functions that JavaScript lacks.
+    The script is the exported JavaScript module. It ends with a call that passes its functions to the page, because no
+    other script can import an inline module. Raises StatementError for functions that JavaScript lacks.
     """
     target, quantities = find(TARGET), contents(model.statement)
     module = module_of(model, contents_of(target, model, quantities, (), parameters), (), parameters)
@@ -67,7 +67,7 @@ def motion_script(model: Model, parameters: Mapping[Any, Any] | None) -> tuple[s
 
 
 LONGEST_RUN, SHORTEST_RUN = 60.0, 1.0
-"""Lengths of runs, in units of time, that play at one unit of time per second. Other runs play in `SHOWN` seconds."""
+"""Longest and shortest run, in units of time, that plays at one unit per second. Other runs play in `SHOWN` seconds."""
 SHOWN = 20.0
 
 
@@ -76,10 +76,11 @@ ENERGIES = ("E", "T", "V")
 
 
 def description(statement: Statement, rate: float, energies: Sequence[str], energy_letter: str) -> dict[str, Any]:
-    """Return the data of a system for the scripts, as a dict for JSON: names, points, links, units.
+    """Return the data of a system that the scripts of a page read, as a dict for JSON: names, points, links, units.
 
     The view of space and the shape of springs are the same as in figures. `rate` is the time of the run per second on
-    the screen, `energies` are the names of the energies to draw, and `energy_letter` is the letter of the first one.
+    the screen. `energies` are the names of the energies to draw, and `energy_letter` is the printed letter of the first
+    one, the conserved energy.
     """
     notation = UnicodeNotation([*statement.names, *(symbol.name for symbol in statement.parameters)])
     # A dot above a letter would be too small on a screen: the velocity is dx/dt.
@@ -112,7 +113,7 @@ def _points(statement: Statement) -> dict[str, Any]:
 
     - `points` are their names, `dimension` is 2 or 3.
     - `links` are pairs of indices of points with the kind of the link; the index after the last point is the origin.
-    - `drawn` is the number of named points and points of surfaces together; those of surfaces come last.
+    - `drawn` is the number of named points and of points of surfaces together; the points of surfaces come last.
     - `surfaces` has for each surface the index of its first point and the number of its points.
     - `colours` has a colour index for each point, null if the point is fixed.
     - `size` is a factor for the size of the points.
@@ -146,9 +147,9 @@ def moving_points(statement: Statement) -> list[str]:
 
 
 def rate_of(t_end: float) -> float:
-    """Return the speed of the page: time of the run per second, with the sign of `t_end`.
+    """Return the speed at which a page plays: time of the run per second on the screen, with the sign of `t_end`.
 
-    It is 1, or for very short or long runs `t_end` / `SHOWN`, rounded to one digit.
+    The speed is 1, or for very short and very long runs `t_end` / `SHOWN`, rounded to one digit.
     """
     length = abs(t_end)
     shown = 1.0 if SHORTEST_RUN <= length <= LONGEST_RUN else float(f"{length / SHOWN:.1g}")
@@ -156,7 +157,7 @@ def rate_of(t_end: float) -> float:
 
 
 def legend(statement: Statement) -> str:
-    """Return an HTML list of the names of the moving points in their colours; empty for a single point or for many."""
+    """Return an HTML list of the moving points with their colours; empty for one point, or over `NAMED_POINTS`."""
     names = moving_points(statement)
     if not 1 < len(names) <= NAMED_POINTS:
         return ""
@@ -180,7 +181,7 @@ LEAST_COLOURS = 3  # Least number of colours on a page: the plot of energies has
 
 
 def colour_rules(statement: Statement) -> str:
-    """Return CSS with the colours of the points and coordinates of a system, in the light and the dark style."""
+    """Return CSS rules with the colours of a system's points and coordinates, for the light and the dark style."""
     count = max(len(moving_points(statement)), len(statement.names), LEAST_COLOURS)
     light, dark = (_variables(style, count) for style in (LIGHT, DARK))
     swatches = "".join(f".colour{k}{{background:var(--colour{k})}}" for k in range(count))
@@ -214,11 +215,11 @@ _COMMENT = re.compile(r"^ *(//.*|/\*\*.*\*/|/\*\*$(?:\n *\* .*)*\n *\*/)$|/\*.*?
 
 
 def html(name: str, parts: Mapping[str, str], scripts: Mapping[str, str], hidden: str = "", *, trusted: bool) -> str:
-    """Return a page: the template file `name`, in which each field is replaced by the part or script of its name.
+    """Return a page: the template file `name` with its fields replaced by the texts of `parts` and `scripts`, by name.
 
-    The security policy of the page allows only `scripts`, the style in `parts`, and `hidden`, a script that the
-    others add later. They are allowed by their hashes; requests over the network are not allowed. If `trusted`
-    is true, scripts cannot turn text into HTML or into other scripts.
+    The security policy of the page allows only `scripts`, the style sheet in `parts`, and `hidden`, a script that the
+    others add later. All are identified by their hashes; requests over the network are not allowed. If `trusted`,
+    scripts cannot turn text into HTML or into other scripts.
     """
     allowed = " ".join(hash_of(script) for script in (*scripts.values(), hidden) if script)
     policy = f"default-src 'none'; script-src {allowed}; style-src {hash_of(parts['style'])}; base-uri 'none'; "
@@ -246,10 +247,10 @@ def short(text: str) -> str:
 
 
 def in_script(text: str) -> str:
-    """Return a script, escaped so that it can be the content of a script element.
+    """Return a script, escaped so that it can be the content of an HTML script element.
 
-    Only names and comments of a user can contain a text that ends the element. A backslash is inserted there, which
-    JavaScript ignores in a text or a comment.
+    A text such as "</script" would end the element. It can occur only in a user's names and comments. A backslash is
+    inserted into it, which JavaScript ignores in strings and comments.
     """
     return ENDS.sub("<\\\\", text)
 
@@ -264,12 +265,12 @@ FIELD = re.compile(r"\{\{(\w+)\}\}")
 
 
 def filled(template: str, parts: Mapping[str, str]) -> str:
-    """Return a template with its fields replaced by `parts`. Text in a part that looks like a field is kept."""
+    """Return a template with its fields {{name}} replaced by the texts in `parts`; fields inside of texts stay."""
     return FIELD.sub(lambda match: parts[match[1]], template)
 
 
 _ESCAPED = str.maketrans({mark: f"\\u{ord(mark):04x}" for mark in "<>&"})
-"""Escapes in JSON of characters with a meaning in HTML. All characters beyond ASCII are escaped by json itself."""
+"""Escapes in JSON for the characters that have a meaning in HTML. `json` itself escapes characters beyond ASCII."""
 
 
 def as_json(data: Mapping[str, Any]) -> str:
@@ -278,7 +279,7 @@ def as_json(data: Mapping[str, Any]) -> str:
 
 
 def in_frame(page: str, title: str, width: int, height: int) -> str:
-    """Return a page inside an iframe for a notebook, so that neither affects the other."""
+    """Return the HTML of an iframe that contains a page, so that the page and a notebook do not affect each other."""
     style = f"width:100%;max-width:{width}px;height:{height}px;border:0;display:block"
     inside = page.replace("&", "&amp;").replace('"', "&quot;")
     return f'<iframe title="{title}" sandbox="allow-scripts" style="{style}" srcdoc="{inside}"></iframe>'

@@ -1,4 +1,4 @@
-"""An animation of a run: the player of a recording, in one HTML page, and files in HTML, GIF or MP4."""
+"""Animate a run: `solution.animate`, the HTML page with a player, and files in HTML, GIF, MP4 or PNG."""
 
 from __future__ import annotations
 
@@ -47,10 +47,11 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 BESIDES = 250
-"""Height in pixels of everything in a player except the picture: the name, the controls and the plots."""
+"""Height in pixels of the name, the controls and the plots of a player together, without the moving picture."""
 
 LEVELS = 2**13
-"""Number of quantization levels between the least and the largest value of a row: steps of an eighth of a pixel."""
+"""Number of quantization levels between the least and the largest value of a recorded curve: one level is about an
+eighth of a pixel."""
 
 MOST_COORDINATES = 20
 """Largest number of coordinates that are recorded beside named points: more would double the size of the page."""
@@ -114,9 +115,10 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
 
 
 def _rows(record: Recording) -> list[FloatArray]:
-    """Return the recorded rows, (S,) each: coordinates of all points, the state, energies, and relative change of E.
+    """Return the recorded curves (S,) in the order of the page's scripts.
 
-    Energies are E, T and V, as far as they are recorded; without energies there is no change of E.
+    The order is coordinates of all points, entries of the state, the energies E, T and V as far as they are recorded,
+    and the relative change of E if E is recorded.
     """
     names = [*record.statement.drawn]
     dimension = max((len(record.points[name]) for name in names), default=0)
@@ -132,15 +134,16 @@ def _rows(record: Recording) -> list[FloatArray]:
 
 
 def _scale(row: FloatArray) -> tuple[float, float]:
-    """Return the least value of a row, and the step of the grid to which its values are rounded."""
+    """Return the least value of a recorded curve, and the step of the grid to which its values are rounded."""
     low, high = float(row.min()), float(row.max())
     return low, float(f"{(high - low) / LEVELS:.6e}")
 
 
 def packed(rows: Sequence[FloatArray]) -> bytes:
-    """Return rows of numbers as bytes: rounded to whole steps of a grid, and differenced twice along each row.
+    """Return curves of equal length as bytes that compress well.
 
-    Each second difference has 16 bits. All low bytes come before all high bytes.
+    The values of each curve are rounded to whole numbers of steps of a grid and differenced twice. Each second
+    difference has 16 bits. All low bytes come before all high bytes.
     """
     whole = np.zeros((len(rows), len(rows[0])), dtype=np.int64)
     for k, row in enumerate(rows):
@@ -153,7 +156,7 @@ def packed(rows: Sequence[FloatArray]) -> bytes:
 
 
 LARGEST_SHOWN = 300_000
-"""Longest player that a notebook stores, in characters. In place of a longer one the notebook shows the first frame."""
+"""Longest player that a notebook stores, in characters. The notebook shows the first frame instead of a longer one."""
 
 STYLES = ("auto", "light", "dark")
 
@@ -174,7 +177,7 @@ class Animation:
 
     @property
     def timing(self) -> Timing:
-        """Times of the frames, and how fast they are shown."""
+        """Times of the frames, and the speed at which they are shown."""
         return self.film.timing
 
     @property
@@ -194,7 +197,7 @@ class Animation:
 
     @property
     def frame_size(self) -> tuple[int, int]:
-        """Width and height in pixels of the frame of a page in which the player fits."""
+        """Width and height in pixels that the player needs on a page."""
         width, height = self.film.size
         share = 0.7 if self.film.scene is None else self.film.plan.scene[3]  # part of the height that the picture has
         return max(width, 480), round(share * height) + BESIDES
@@ -208,11 +211,12 @@ class Animation:
         return player_page(self.recording, self.film, self.style, self.notes)
 
     def save(self, path: str | os.PathLike[str], *, progress: bool = False) -> Animation:
-        """Write a file of the kind that its suffix states: .html, .gif, .mp4, or .png for the first frame.
+        """Write a file whose suffix chooses its kind: .html, .gif, .mp4, or .png for the first frame.
 
-        The file is written whole or not at all. Returns the animation with the path. Without ffmpeg the HTML is written
-        instead of the MP4, under the same name with .html, and a warning reports it. Raises StatementError for a path
-        that cannot be written, RunError if the disk is full.
+        The file is written whole or not at all. Returns the animation with the path. If ffmpeg is not installed, an
+        HTML file is written instead of an MP4 file, under the same name with .html, and a warning reports this.
+        `progress` shows the part of the frames that is drawn. Raises StatementError for a path that cannot be written,
+        RunError if the disk is full.
         """
         flag(progress, "progress")
         target, notes = _writable(path)
@@ -276,7 +280,9 @@ def animate(
     """Return the animation of a run, and write it to `path` unless `path` is None.
 
     `fps` is the number of frames per second, and `speed` the time of the run per second on the screen. `size` is the
-    width and height in pixels, and `trail` the time that trails go back. `style` is "auto", "light" or "dark".
+    width and height in pixels. `trail` is the duration of the trails behind moving points, in the time of the run.
+    `style` is "auto", "light" or "dark". None means the default. Raises StatementError for invalid arguments, and for a
+    run without outputs.
     """
     one_of(style, STYLES, "style = {given}: give one of {known}.")
     options = checked_options(size, trail)
@@ -308,9 +314,9 @@ def png(pixels: Pixels) -> bytes:
 
 
 def _writable(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
-    """Return the path to write, and notes: one if the path differs from the requested one, else none.
+    """Return the path to write, and the notes about it: one note if the path differs from the requested one, else none.
 
-    Raises StatementError for an unknown kind of file.
+    Raises StatementError for an unknown suffix, and for a path that cannot be written.
     """
     requested = named_kind(path)
     check_place(requested)

@@ -1,4 +1,4 @@
-"""The web page of a system: sliders, its motion, which JavaScript computes, and its formulas."""
+"""Build the web page of a system, `system.to_page` and `lagrange.explore`: sliders, motion in JavaScript, formulas."""
 
 from __future__ import annotations
 
@@ -54,7 +54,8 @@ from lagrange.trajectory.constraints.consistent import complete_start
 from lagrange.trajectory.solution import Solution
 
 PARAMETER, STATE, RATE = "parameter", "state", "rate"
-"""Kinds of sliders: for a parameter, an entry of the initial state, or an initial rate about an axis of a body."""
+"""Kinds of sliders: for a parameter, for an entry of the initial state, or for an initial rate of rotation of a body
+about one of its axes."""
 
 RECORDED_NOTE = "This page plays a recorded run: it does not compute the motion of a system with contacts."
 """Note below the player on the page of a system with contacts."""
@@ -64,11 +65,11 @@ EXAMPLE = (0.5, 2.0)  # Example of bounds in an error message
 
 @dataclass(frozen=True)
 class Slider:
-    """A value that a slider changes, with its bounds `low` and `high`.
+    """A slider for one value of a system, with the bounds `low` and `high`.
 
-    `kind` says whether it is a parameter, an entry of the initial state, or a rate of a body. `place` is its index
-    among the parameters, in the initial state, or among the rates about the axes of all bodies, three for each body.
-    `chosen` is true if the user chose it by name; `angle` is true if the value is in radians.
+    `kind` is `PARAMETER`, `STATE` or `RATE`. `place` is the index of the value among the parameters, in the initial
+    state, or among the rates of rotation of all bodies, three for each body. `chosen` is true if the user chose the
+    slider by name; `angle` is true if the value is in radians.
     """
 
     name: str
@@ -83,9 +84,9 @@ class Slider:
 
 
 def places(statement: Statement) -> dict[str, tuple[str, int]]:
-    """Return the (kind, index) of each value that may have a slider, by name: parameters, rates and the state.
+    """Return the pair (kind, index) of each value that may have a slider, by name: parameters, rates and the state.
 
-    The entries of a quaternion have none: its length would change.
+    The entries of a quaternion have no sliders, because these would change its length.
     """
     parameters = {p.name: (PARAMETER, index) for index, p in enumerate(statement.parameters)}
     rates = {name_of(rate): (RATE, index) for index, rate in enumerate(_rates_of(statement))}
@@ -95,12 +96,12 @@ def places(statement: Statement) -> dict[str, tuple[str, int]]:
 
 
 def _rates_of(statement: Statement) -> list[Any]:
-    """Return the symbols of the rates of rotation about the axes of all bodies, three for each body."""
+    """Return the symbols of the rates of rotation of all bodies about their axes, three for each body."""
     return [rate for name in statement.rotations for rate in rotation_of(name).body]
 
 
 def rates_at(statement: Statement, state: Sequence[float]) -> list[float]:
-    """Return the rates of rotation about the axes of all bodies at a state (2n,), three for each body."""
+    """Return the rates of rotation of all bodies about their axes at a state (2n,), three for each body."""
     rates = list[float]()
     for _, rows, moving in quaternion_rows(statement.coordinates):
         rates += body_rates([state[row] for row in rows], [state[row] for row in moving])
@@ -153,10 +154,11 @@ def _bounds(name: str, pair: Any) -> tuple[float, float]:
 NICE = (1.0, 2.0, 3.0, 5.0, 10.0)  # First digits of default bounds
 
 LOWEST, HIGHEST = 0.1, 3.0
-"""Bounds of a parameter as multiples of its value. A lower bound of zero would often leave a system without inertia."""
+"""Bounds of a parameter's slider as multiples of its value. A lower bound of 0 would often mean a mass of zero."""
 
 COORDINATE_RANGE = 0.9
-"""Half-range of a coordinate with a nonzero start, as a fraction of its value: its sign stays the same."""
+"""Half-range of the slider of a coordinate that starts at a nonzero value, as a fraction of this value. The sign of the
+coordinate stays the same."""
 
 
 def sliders(
@@ -164,8 +166,9 @@ def sliders(
 ) -> tuple[Slider, ...]:
     """Return a slider for each parameter and each entry of the initial state, those in `slider_bounds` first.
 
-    `slider_bounds` maps symbols or names to bounds (low, high). For a body the sliders change its rates about its axes,
-    not its quaternion. Raises StatementError for unknown names, and for bounds that do not contain the present value.
+    `parameters` and `initial` are the present values. `slider_bounds` maps symbols or names to bounds (low, high). The
+    sliders of a body change its rates of rotation, not its quaternion. Raises StatementError for unknown names, and for
+    bounds that do not contain the present value.
     """
     statement = model.statement
     bounds, adjustable = chosen_bounds(statement, slider_bounds), places(statement)
@@ -203,7 +206,7 @@ def parameter_bounds(value: float) -> tuple[float, float]:
 
 
 def nice(size: float) -> float:
-    """Return a positive number with one digit, such as 0.3, that is at least `size` up to rounding."""
+    """Return the least number that is not below `size` and has one of the digits 1, 2, 3 and 5, such as 0.3."""
     if not math.isfinite(1 / size):
         return size
     unit = 10.0 ** math.floor(math.log10(size))
@@ -214,8 +217,8 @@ def nice(size: float) -> float:
 def _states(model: Model, parameters: tuple[float, ...], initial: tuple[float, ...]) -> Iterator[Slider]:
     """Yield the sliders of the initial coordinates and velocities.
 
-    Accelerations set the bounds of velocities that start at zero. If they cannot be computed they count as zero,
-    because the page itself reports that.
+    The bounds of a velocity that starts at zero follow from the acceleration of the coordinate. Accelerations that
+    cannot be computed count as zero, because the page itself reports that.
     """
     statement = model.statement
     n = len(statement.names)
@@ -240,14 +243,14 @@ def _states(model: Model, parameters: tuple[float, ...], initial: tuple[float, .
 OPEN = ("Stated", "Equations of motion")  # Sections that are open when the page loads
 
 LONGEST_SECTION = 30_000
-"""Longest section, in characters; a longer one is replaced by a sentence. The accelerations of the double pendulum take
-8,000."""
+"""Longest section of formulas on a page, in characters; a longer one is replaced by a sentence. The accelerations of
+the double pendulum take 8,000."""
 
 SHORTEST_OPERATION = 20  # Least number of characters of an operation with its operand, in MathML
 
 
 class FoldedFormulas(HtmlPage):
-    """Writes sections that fold. They have no inline styles, which the security policy of the page forbids."""
+    """Writes the sections of a derivation for a page, without inline styles, which the security policy forbids."""
 
     cell = '<mtd class="{}">{}</mtd>'
 
@@ -271,12 +274,15 @@ class FoldedFormulas(HtmlPage):
 
 
 OPEN_SLIDERS = 15
-"""Largest number of sliders that are shown unfolded. With more, those of the initial state and excess parameters are
-folded."""
+"""Largest number of sliders that are shown unfolded. With more sliders, those of the initial state are folded; with
+more parameters, those of the parameters are folded, too."""
 
 
 def slider_groups(sliders: Sequence[Slider], page: FoldedFormulas) -> str:
-    """Return HTML of the sliders in groups: sliders that the user chose, parameters, initial values."""
+    """Return the HTML of the sliders in three groups: sliders that the user chose, parameters, and initial values.
+
+    `page` writes the symbols of the sliders.
+    """
     chosen = [(index, slider) for index, slider in enumerate(sliders) if slider.chosen]
     rest = [(index, slider) for index, slider in enumerate(sliders) if not slider.chosen]
     parameters = [pair for pair in rest if pair[1].kind == PARAMETER]
@@ -320,9 +326,10 @@ NO_SLIDERS = "{} does not compute the motion of a system with contacts: {} with 
 
 
 def write_recorded_page(run: Callable[[], Solution], path: str | os.PathLike[str], sliders: Any) -> Path:
-    """Write a page that plays a run of a system with contacts, and return its path. `run` runs the system.
+    """Write the page of a system with contacts, which plays a recorded run, and return its path.
 
-    Raises StatementError for `sliders` that are not None: the page does not compute the motion for other values.
+    `run()` runs the system. Raises StatementError unless `sliders` is None, because the page does not compute the
+    motion for other values.
     """
     if sliders is not None:
         raise StatementError(NO_SLIDERS.format("a page", "leave sliders out, and the page plays a run"))
@@ -345,9 +352,9 @@ def page_of(
     """Return the page of a model as HTML, without formulas if `derivation` is None.
 
     `parameters` and `initial` are values that replace the stated ones. `slider_bounds` maps symbols or names of sliders
-    to bounds (low, high). `t_end` is the end of a run, None for the stated one; the page chooses its speed and the size
-    of its picture for this run. With `play` the motion starts at once. `style` is "light" or "dark", or empty for that
-    of the browser.
+    to bounds (low, high). `t_end` is the end of the run for which the page chooses its speed and the size of its
+    picture, None for the stated end. With `play` the motion starts at once. `style` is "light" or "dark", or empty for
+    the setting of the browser.
     """
     statement = model.statement
     end = statement.run.t_end if t_end is None else t_end
@@ -397,7 +404,7 @@ FRAME_WIDTH, FRAME_HEIGHT = 1100, 760  # Size in pixels of the frame of a page; 
 
 @dataclass(frozen=True)
 class ExploredPage:
-    """A page with sliders, `html`, which a notebook shows in a frame."""
+    """A page with sliders for the system `name`; a notebook shows the page `html` in a frame."""
 
     name: str
     html: str
@@ -419,11 +426,11 @@ def explore(
     play: bool,
     style: str,
 ) -> ExploredPage:
-    """Return the page of a system with sliders: first the entries of the dict `ranges`, then the keywords `named`.
+    """Return the page of a system with sliders: first those in the dict `ranges`, then those in the keywords `named`.
 
     Both map symbols or names to bounds (low, high). `model()` compiles the system. The end of the run is `t_end`, None
-    for the stated one. `play` starts the motion at once, and `style` chooses the colours. Raises StatementError for
-    unknown names, invalid bounds, no or too many sliders, and where no page can be made.
+    for the stated end. With `play` the motion starts at once. `style` is "light" or "dark". Raises StatementError for
+    unknown names, invalid bounds, no or too many sliders, and for a system with contacts.
     """
     if statement.contacts:
         raise StatementError(NO_SLIDERS.format("explore()", "system.to_page(path) plays a run"))
@@ -448,10 +455,10 @@ def explore(
 def starts_within(
     statement: Statement, bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the values at which the sliders start, by name: those of parameters, and those of the initial state.
+    """Return the values at which the sliders start, in two dicts by name: parameters, and initial state with rates.
 
-    Each is the stated value, or the nearest bound of its slider if it is outside of the bounds. A parameter without a
-    value starts in the middle of its slider.
+    A slider starts at the stated value, or at the bound nearest to it. A parameter without a value starts in the middle
+    of its slider. `bounds` are the bounds of the sliders.
     """
     values: dict[str, dict[str, float]] = {PARAMETER: {}, STATE: {}, RATE: {}}
     stated: dict[str, Sequence[float | None]] = {

@@ -1,9 +1,9 @@
-// Buttons, keys, and turning the picture.
+// Handle buttons, keys, and dragging to turn the picture.
 
 /** Degrees by which a press of a key turns the picture. */
 const TURN = 5;
 
-/** Elements that handle keys themselves. */
+/** Selector of the elements that handle keys themselves. */
 const OWN_KEYS = "input:not(#seek), select, textarea, summary";
 
 class Controls {

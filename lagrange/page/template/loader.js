@@ -1,4 +1,4 @@
-// Unpacks the style, the scripts and the numbers of a recording, and starts the player. They are compressed, in base64.
+// Decompress the style sheet, the scripts and the numbers of a recording, and start the player. All are in base64.
 
 const inflated = async (text) => {
     const bytes = Uint8Array.from(atob(text), (mark) => mark.charCodeAt(0));

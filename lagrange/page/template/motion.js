@@ -1,35 +1,35 @@
-// A motion that is computed: states at equal intervals, by the exported functions, the last of which are kept.
-// Its cursor is the newest state. The other scripts know of it what they know of a `Recording`.
+// A motion that is computed while the page plays. The exported functions compute states at equal intervals of time, and
+// the last `KEPT` states are stored. The cursor is the newest state. recording.js lists the members that others use.
 
-/** Intervals per second at speed 1. */
+/** Computed states per second at speed 1. */
 const PER_SECOND = 240;
 
-/** Computing time in a frame, in ms: if it is exceeded, the picture runs slower than real time. */
+/** Longest computing time per frame, in ms. If more is necessary, the picture moves slower than real time. */
 const BUDGET = 10;
 
-/** Recorded states in a step: a thirtieth of a second at speed 1. */
+/** Number of states by which the step button advances: a thirtieth of a second at speed 1. */
 const STEP = 8;
 
-/** Number of states that are kept: a minute of them. */
+/** Number of states that are stored: those of one minute. */
 const KEPT = 14400;
 
-/** Number of states that are computed ahead for the size of the picture. */
+/** Number of states that are computed ahead to find the size of the picture and the limits of the axes. */
 const SURVEYED = 400;
 
-/** Largest violation of a constraint at the start, relative to its terms; the first steps correct it. */
+/** Largest allowed violation of a constraint at the start, relative to its terms; the first steps correct it. */
 const ON_CONSTRAINTS = 9.5367431640625e-7;
 
 /**
- * After the motion ahead is known, its axes stay while values are within this part of their extent beside it, for which
- * they have room, and else move further by this part, so that they move rarely.
+ * Limits of an axis after the run was computed ahead. They stay if a value is outside by less than the fraction
+ * `WITHIN` of their distance. Otherwise they move beyond the value by the fraction `FURTHER`, so that they move rarely.
  */
 const WITHIN = 0.04;
 const FURTHER = 0.25;
 
-/** Number of parts in which a value is changed if constraints restrict the start. */
+/** Number of small changes into which the change of a slider is divided if the system has constraints. */
 const CHANGES = 16;
 
-/** Reasons for which a run of dop853 stopped, by its return code. */
+/** Sentences on the reason for which a run of dop853 stopped, by its return code. */
 const STOPS = {
     1: (at) => `The motion takes too many steps ${at}: something moves too fast there. Choose other values, or reset.`,
     2: (at) => `The motion leaves the finite numbers ${at}. Choose other values, or reset.`,
@@ -111,17 +111,17 @@ class Motion {
         return Math.max(0, this.count - WINDOW);
     }
 
-    /** Place of state k in the arrays. */
+    /** Position of state k in the arrays. */
     slot(k) {
         return k % KEPT;
     }
 
-    /** True if the state jumps between two states: never here. */
+    /** True if the motion jumps between two states. A computed motion never jumps. */
     jumps() {
         return false;
     }
 
-    /** Advance by all intervals of some seconds on the screen, within the budget of a frame; return false at an end. */
+    /** Advance by `seconds` on the screen, within the computing time `BUDGET`. Return false if the motion has ended. */
     go(seconds) {
         this.due += seconds * PER_SECOND;
         const began = performance.now();
@@ -135,13 +135,13 @@ class Motion {
         return !this.said;
     }
 
-    /** Advance by a step. */
+    /** Advance by `STEP` states at speed 1. `sign` has no effect, because a computed motion cannot go back. */
     step(sign, speed) {
         for (let k = Math.max(1, Math.round(STEP * speed)); k > 0 && this.advance(); k--);
         this.due = 0;
     }
 
-    /** Advance by one interval; return true if its end was reached. */
+    /** Compute the next state. Return true if the motion can go on. */
     advance() {
         if (this.said) {
             return false;
@@ -159,7 +159,7 @@ class Motion {
         return !this.said;
     }
 
-    /** Run a state to a time, or record the reason why it stopped. */
+    /** Integrate the state `y` from the time `t` to `until`. Return true on success, else set `said` to the reason. */
     run(t, until, y) {
         const { tolerance, most_steps: most } = this.data;
         const outcome = this.model.dop853(t, until, y, this.p, tolerance, tolerance, most);
@@ -169,7 +169,7 @@ class Motion {
         return outcome === 0;
     }
 
-    /** Record the state if it is finite. */
+    /** Store the present state if it is finite. */
     record() {
         const { STATE } = this.model;
         const at = this.count % KEPT;
@@ -189,7 +189,7 @@ class Motion {
         this.measure(at);
     }
 
-    /** Extend the bounds of the axes to a state and its energies. */
+    /** Extend the limits of the axes to a state and its energies. */
     include(y, energies) {
         [...y, ...energies].forEach((value, k) => this.extend(k, value));
     }
@@ -215,7 +215,10 @@ class Motion {
         return found;
     }
 
-    /** Keep the largest drift, relative to the first energy, or to the largest kinetic energy if the first is small. */
+    /**
+     * Update the largest change of the energy since the start. It is relative to the first energy, or to the largest
+     * kinetic energy if the first energy is small. `at` is the position of the newest state in the arrays.
+     */
     measure(at) {
         const energy = this.energies[at * 3];
         const largest = this.high[this.size + 1];
@@ -228,12 +231,12 @@ class Motion {
         this.extend(this.size + 3, this.drifts[at]);
     }
 
-    /** Write the positions of the points at a state; return true if a matrix is singular. */
+    /** Write the positions of the points at a state into `places`. Return true if a matrix is singular. */
     located(t, y, places) {
         return this.width > 0 && this.model.positions(t, y, this.p, places);
     }
 
-    /** Return time, state and positions at this moment, a part of an interval after the last recorded state. */
+    /** Return time, state and positions at this moment, a fraction of an interval after the last stored state. */
     now() {
         const { t, y, places } = this.between;
         const share = this.due;
@@ -252,8 +255,8 @@ class Motion {
     }
 
     /**
-     * Prepare to compute the run of the scene ahead, for the axes and the size of the picture: `until` fills `found` with
-     * positions and returns true at the end.
+     * Return an object that computes the stated run ahead, for the limits of the axes and the size of the picture. Its
+     * function `until(deadline)` adds positions to the list `found` until a clock time in ms. It returns true at the end.
      */
     survey() {
         const t = Float64Array.of(this.from);
@@ -280,7 +283,7 @@ class Motion {
         return { found, until };
     }
 
-    /** Run a state to a time; return true if it was reached. The reason of a stop is not recorded. */
+    /** Integrate a state like `run`, but do not record the reason of a stop. */
     reaches(t, until, y) {
         const kept = this.said;
         const reached = this.run(t, until, y);
@@ -288,14 +291,14 @@ class Motion {
         return reached;
     }
 
-    /** Return states at times, each computed from the one before; null from where the run stops. */
+    /** Return the states at some times, each computed from the previous one; null after the run has stopped. */
     trajectory(times) {
         const t = Float64Array.of(this.from);
         const y = this.initial.slice();
         return times.map((until) => (until === t[0] || this.reaches(t, until, y) ? Array.from(y) : null));
     }
 
-    /** Set a parameter; the start is moved onto the constraints if there is a state nearby. */
+    /** Set a parameter, and move the initial state onto the constraints if they have a state nearby. */
     setParameter(place, value) {
         const before = this.parameters[place];
         const start = this.followed((y, share) => {
@@ -306,14 +309,14 @@ class Motion {
         this.begin(start, "these parameters");
     }
 
-    /** Set an entry of the start; with constraints the others change as little as possible. */
+    /** Set an entry of the initial state; with constraints the other entries change as little as possible. */
     setInitial(place, value) {
         const before = this.initial[place];
         const start = this.followed((y, share) => this.held(y, place, part(before, value, share)));
         this.begin(start, `${this.data.states[place].letter} = ${shown(value)}`);
     }
 
-    /** Set a rate about an axis of a body at the start. */
+    /** Set an initial rate of rotation of a body about one of its axes. */
     setRate(place, value) {
         const before = bodyRates(this.initial, this.data.quaternions)[place];
         const start = this.followed((y, share) => {
@@ -323,7 +326,7 @@ class Motion {
         this.begin(start, "this rate");
     }
 
-    /** Begin from a new start, or keep the present one and report that none is nearby. */
+    /** Restart from the state `start`. If it is null, restart from the present start and report this. */
     begin(start, what) {
         this.initial.set(start || this.initial);
         this.restart();
@@ -332,7 +335,10 @@ class Motion {
         }
     }
 
-    /** Return the start after a change; with constraints in small parts, since other solutions are far away. */
+    /**
+     * Return the initial state after a change, or null. With constraints the change is made in small parts, because
+     * Newton's method finds only solutions nearby. `change(y, share)` returns the state after a part of the change.
+     */
     followed(change) {
         let y = this.initial.slice();
         const parts = this.model.projection ? CHANGES : 1;
@@ -342,7 +348,7 @@ class Motion {
         return y;
     }
 
-    /** Return a nearby state on the constraints in which an entry has a value, or null: by the secant method. */
+    /** Return the nearby state on the constraints whose entry `place` is `value`, by the secant method, or null. */
     held(from, place, value) {
         let entry = value;
         let slope = 1;

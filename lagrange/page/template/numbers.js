@@ -1,6 +1,6 @@
-// Numbers as text, and tick marks of an axis.
+// Write numbers as text, and choose the tick marks and the limits of an axis.
 
-/** Return a number with some digits; a power of ten follows a dot, as in 3.1·10⁻¹³. */
+/** Return a number as text with `digits` digits; small and large ones have a power of ten, as in 3.1·10⁻¹³. */
 function shown(value, digits = 4) {
     if (value === 0) {
         return "0";
@@ -24,14 +24,14 @@ function steady(value, places) {
     return value.toFixed(places).replace("-", "−");
 }
 
-/** Return the distance of tick marks for an axis of a length with at most `most` of them. */
+/** Return the distance between tick marks for an axis with this `length` and at most `most` tick marks. */
 function markDistance(length, most) {
     const least = length / most;
     const unit = 10 ** Math.floor(Math.log10(least));
     return unit * [1, 2, 5, 10].find((first) => least <= first * unit * (1 + 1e-9));
 }
 
-/** Return the tick marks between two bounds, their labels, and the common power of ten. */
+/** Return at most `most` tick marks between two limits, their labels, and the power of ten that they have in common. */
 function marks(low, high, most) {
     const distance = markDistance(high - low, most);
     const found = [];
@@ -46,7 +46,10 @@ function marks(low, high, most) {
     return { places: found, texts, factor: scale ? `10${raised(scale)}` : "" };
 }
 
-/** Return bounds with room around values; a change that is rounding noise of the values, or of `scale`, is level. */
+/**
+ * Return the limits of an axis, with a margin, for values from `low` to `high`. Values that differ only by rounding
+ * noise, relative to the values or to `scale`, are in the middle of the axis.
+ */
 function around(low, high, scale = 0) {
     if (!(low <= high)) {
         return [-1, 1];
@@ -56,7 +59,7 @@ function around(low, high, scale = 0) {
     return [(low + high) / 2 - half, (low + high) / 2 + half];
 }
 
-/** Return bounds of a drift, symmetric about zero: a power of ten, or half of it. */
+/** Return limits symmetric about zero for the axis of a drift: a power of ten, or half of a power of ten. */
 function aboutZero(low, high) {
     const largest = Math.max(Math.abs(low), Math.abs(high)) || 1e-16;
     const power = 10 ** Math.ceil(Math.log10(largest));
@@ -64,7 +67,7 @@ function aboutZero(low, high) {
     return [-end, end];
 }
 
-/** Interpolate between two numbers; a share of 1 gives the second one exactly. */
+/** Interpolate linearly between two numbers; `share` = 1 returns the second one exactly. */
 function part(from, to, share) {
     return share === 1 ? to : from + share * (to - from);
 }

@@ -1,12 +1,12 @@
-// The page: time advances, and everything is drawn.
+// The player of a page: it advances the time, draws picture and plots, and writes the numbers.
 
-/** A motion that has grown beyond this multiple of its first size is paused: it leaves the picture. */
+/** The page pauses if the motion has grown beyond this multiple of its first size, because it leaves the picture. */
 const GROWTH = 3;
 
-/** Most curves with names. */
+/** Largest number of curves whose names are written above a plot. */
 const MOST_NAMED = 10;
 
-/** Frames between two updates of the numbers, so that they can be read. */
+/** Number of frames between two updates of the numbers; faster changes could not be read. */
 const READ = 5;
 
 /** Colours and font from the style sheet, read once for each style. */
@@ -75,7 +75,7 @@ class Player {
         say("phase-plot", `Phase plane of ${name}: a coordinate and its velocity`);
     }
 
-    /** Play or pause; a motion that has ended begins again. */
+    /** Play, or pause if `wanted` is false. A motion that has ended begins again. */
     play(wanted) {
         if (wanted && this.motion.ended) {
             this.motion.restart();
@@ -121,7 +121,7 @@ class Player {
         this.stale = true;
     }
 
-    /** Advance time; the motion says whether it goes on. */
+    /** Advance the motion by `seconds` on the screen, and pause if it has ended or leaves the picture. */
     pass(seconds) {
         if (!this.motion.go(seconds * this.speed)) {
             this.wanted = this.wanted && Boolean(this.motion.said);
@@ -214,7 +214,7 @@ class Player {
         document.getElementById("said").classList.toggle("calm", !this.motion.said);
     }
 
-    /** Write the numbers. */
+    /** Write the numbers beside the picture: time, energy and its drift. */
     tell() {
         const { motion, data } = this;
         const clock = `${steady(motion.now().t[0], data.decimals)} ${data.unit.t}`.trim();

@@ -1,19 +1,19 @@
-// The picture: a grid or a floor, trails, surfaces, rods, springs and points.
+// The moving picture: a grid or a floor, trails, surfaces, rods, springs and points.
 
-/** Width of a spring as a part of the picture's smaller side, and the least width in pixels. */
+/** Width of a spring as a fraction of the smaller side of the picture, and its least width in pixels. */
 const SPRING = 0.044;
 const LEAST_SPRING = 10;
 
-/** Number of bands of a trail, from the oldest, which is the faintest. */
+/** Number of parts of a trail with different opacities; the oldest part is the palest. */
 const BANDS = 16;
 
-/** Most segments of a trail. */
+/** Largest number of line segments of a trail. */
 const PARTS = 2400;
 
 /** Least length in pixels of an axis of space that has numbers. */
 const SHORTEST_AXIS = 30;
 
-/** Time for computing ahead when values change, and in each frame, in ms. */
+/** Time in ms for which the run is computed ahead: once after values change, and in each frame. */
 const LOOK_AHEAD = 25;
 const LOOK_ON = 4;
 
@@ -27,7 +27,7 @@ class Picture {
         this.trail = 0;
     }
 
-    /** Restart for new values: compute the positions of the points ahead. */
+    /** Begin to compute the run ahead for new values of the sliders. `first` is true when the page opens. */
     survey(first) {
         this.ahead = this.motion.survey();
         this.first = first;
@@ -35,7 +35,7 @@ class Picture {
         this.lookAhead(LOOK_AHEAD);
     }
 
-    /** Compute further ahead for some milliseconds, until the whole run of the scene is known. */
+    /** Compute the run further ahead for `time` ms, and fit the picture to its positions. */
     lookAhead(time) {
         if (this.surveyed) {
             return;
@@ -48,12 +48,12 @@ class Picture {
         this.first = false;
     }
 
-    /** True if the motion has grown so far beyond the run of the scene that it leaves the picture. */
+    /** True if the motion leaves the picture: it has grown beyond `limit` times the size of the run computed ahead. */
     left(limit) {
         return this.surveyed && this.data.dimension > 0 && this.view.growth() >= limit;
     }
 
-    /** Return positions, with the origin added if a link ends there. */
+    /** Return positions, with the origin added if a link ends at it. */
     withOrigin(samples) {
         return this.linked() ? [...samples, new Float64Array(this.data.dimension)] : samples;
     }
@@ -63,12 +63,15 @@ class Picture {
         return this.data.links.some(([a, b]) => a === last || b === last);
     }
 
-    /** True if a point is fixed in every motion: it has no colour of its own. */
+    /** True if a point never moves. Such a point has no colour of its own. */
     fixed(point) {
         return this.data.colours[point] === null;
     }
 
-    /** Draw everything at the given positions; `share` is how fast the frame follows a motion that leaves it. */
+    /**
+     * Draw the picture with the points at `places`. If the motion leaves the visible region, the region moves by the
+     * fraction `share` of the way to the new one.
+     */
     draw(places, share) {
         const { context, width, height } = sized(this.canvas);
         const { view } = this;
@@ -119,7 +122,7 @@ class Picture {
         context.fillText(unit ? `x, y in ${unit}` : "", width - 8, height - 22);
     }
 
-    /** Draw the floor of a motion in space with its numbers and an upright axis, and the shadows of the points. */
+    /** Draw the floor under a motion in space, the numbers at its edges, a vertical axis, and shadows of the points. */
     drawFloor(context, places) {
         const { view, look } = this;
         const { room, near, left } = view;
@@ -271,7 +274,10 @@ class Picture {
     }
 }
 
-/** Draw a spring between two pixels; each corner is a part of its length along and a part of its width aside. */
+/**
+ * Draw a spring between two pixels. `corners` has its corners as pairs: the fraction of the length along the spring,
+ * and the fraction of the width beside it.
+ */
 function drawSpring(context, corners, from, to, width) {
     const [dx, dy] = [to[0] - from[0], to[1] - from[1]];
     const length = Math.hypot(dx, dy) || 1;
@@ -281,7 +287,7 @@ function drawSpring(context, corners, from, to, width) {
     }
 }
 
-/** Set the size of a canvas in pixels from its place on the page; return its cleared context and its size. */
+/** Set the resolution of a canvas from its size on the page; return its cleared context and its size in pixels. */
 function sized(canvas) {
     const ratio = window.devicePixelRatio || 1;
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];

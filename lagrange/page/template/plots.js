@@ -1,16 +1,16 @@
-// Plots: quantities over time, and the phase plane.
+// The plots of a page: quantities over time, and the phase plane.
 
-/** Number of recorded states in a plot over time: ten seconds at speed 1. */
+/** Number of states in a plot over time: ten seconds at speed 1. */
 const WINDOW = 2400;
 
-/** Number of recorded states in the phase plane, and number of those drawn. */
+/** Number of states in the phase plane, and the largest number of them that is drawn. */
 const PHASE = 7200;
 const PHASE_PARTS = 1800;
 
-/** Opacity of what is still to come. */
+/** Opacity of the part of a curve after the present time. */
 const FAINT = 0.3;
 
-/** Room around the curves in pixels; names are above them. */
+/** Margins around the curves in pixels; the names of curves are in the margin above. */
 const PAD = { left: 52, right: 10, top: 22, bottom: 32 };
 
 class Plot {
@@ -19,7 +19,7 @@ class Plot {
         this.look = look;
     }
 
-    /** Draw axes with tick marks and names, and store the map from values to pixels. */
+    /** Draw axes with the limits `xs` and `ys`, tick marks and names, and store the functions from values to pixels. */
     axes(xs, ys, names) {
         const { context, width, height } = sized(this.canvas);
         const { look } = this;
@@ -55,7 +55,7 @@ class Plot {
         return { context, w };
     }
 
-    /** Draw rows of numbers over time: pale as far as they are known, clear up to the cursor. */
+    /** Draw the curves `rows` over time: opaque up to the present time, and pale after it as far as they are known. */
     overTime(motion, rows, bounds, names) {
         const { cursor, first, known } = motion;
         const time = (k) => motion.times[motion.slot(k)];
@@ -99,7 +99,7 @@ class Plot {
         context.fill();
     }
 
-    /** Call `draw` with the smallest and the largest value of each group of states, in their order in time. */
+    /** Call `draw` with the state of smallest and of largest value of each `stride` states, ordered by time. */
     extremes(first, last, stride, value, draw) {
         if (stride < 3) {
             for (let k = first; k <= last; k++) {
@@ -119,7 +119,7 @@ class Plot {
         draw(last);
     }
 
-    /** Draw states in the plane of a coordinate and its velocity, and mark the present one. */
+    /** Draw states in the plane of coordinate number `place` and its velocity, and a dot at the present state `now`. */
     phase(motion, place, now) {
         const { size, known, cursor } = motion;
         const n = size / 2;

@@ -1,17 +1,17 @@
-// A motion that is recorded: all states are known, and the cursor moves among them. It has no model and no formulas.
+// The motion of a recorded run: all states are known, and a cursor moves among them. No formulas are evaluated.
 //
-// The other scripts know of a motion, computed or recorded, only this:
-//   size, width       numbers of entries of a state, and of the positions of all points
+// `Recording` and `Motion` have these members in common, and the other scripts use no others:
+//   size, width       number of entries of a state, and of coordinates of all points
 //   known             first and last index of the states that can be drawn
-//   cursor, first     index of the present state, and of the first one in a plot over time
-//   slot(k)           place of state k in times, states, energies (E, T, V), drifts and places
-//   jumps(from, to)   true if no line goes from one state to another
-//   low, high, span   limits of the axes: entries of the state, E, T, V and drift; time
+//   cursor, first     index of the present state, and of the first state in a plot over time
+//   slot(k)           position of state k in the arrays times, states, energies (E, T, V), drifts and places
+//   jumps(from, to)   true if no line is drawn from one state to another
+//   low, high, span   limits of the axes of the entries of the state, E, T, V and drift, and of the time axis
 //   now()             time, state and positions at this moment
 //   go, step, restart, said, ended, survey
 // A recording also has seek, frames and loops.
 
-/** Most positions from which the size of the picture is taken. */
+/** Largest number of states from which the size of the picture is computed. */
 const SEEN = 4000;
 
 class Recording {
@@ -63,7 +63,7 @@ class Recording {
         return this.jumpAt.some((k) => from <= k && k < to);
     }
 
-    /** Return time, state and positions at the cursor, between two states on the line that joins them. */
+    /** Return time, state and positions at this moment, by linear interpolation between two recorded states. */
     now() {
         const k = Math.min(this.cursor, this.last);
         const share = k < this.last && !this.jumps(k, k + 1) ? this.place - k : 0;
@@ -73,7 +73,7 @@ class Recording {
         return { t: [t], y: mixed(this.states, this.size), places: mixed(this.places, this.width) };
     }
 
-    /** Go on by seconds on the screen; return false at the end, unless it begins again. */
+    /** Move on by `seconds` on the screen. Return false at the end of the recording, unless it plays in a loop. */
     go(seconds) {
         this.place += seconds * this.perSecond;
         if (this.place >= this.last) {
@@ -83,13 +83,13 @@ class Recording {
         return true;
     }
 
-    /** Go to the next frame or to the one before. */
+    /** Go to the next frame, or to the previous frame if `sign` is negative. */
     step(sign) {
         const frame = this.place / this.detail;
         this.seek(sign > 0 ? Math.floor(frame) + 1 : Math.ceil(frame) - 1);
     }
 
-    /** Go to a frame. */
+    /** Go to the frame with this number. */
     seek(frame) {
         this.place = Math.min(this.last, Math.max(0, frame * this.detail));
     }
@@ -98,7 +98,7 @@ class Recording {
         this.place = 0;
     }
 
-    /** Return positions along the whole record, for the size of the picture. */
+    /** Return positions along the whole recording, which determine the size of the picture. */
     survey() {
         const stride = Math.ceil((this.last + 1) / SEEN);
         const found = [];
@@ -109,7 +109,10 @@ class Recording {
     }
 }
 
-/** Return the numbers of each row, from the second differences of whole numbers: all low bytes, then all high bytes. */
+/**
+ * Return the numbers of each row of a recording. `bytes` has the second differences of whole numbers, all low bytes
+ * before all high bytes. `rows` has the least value and the step of the grid of each row.
+ */
 function unpacked(bytes, rows, count) {
     const half = rows.length * count;
     return rows.map(([base, grain], row) => {
@@ -123,14 +126,14 @@ function unpacked(bytes, rows, count) {
     });
 }
 
-/** Return rows as one array, in which the `width` numbers of a state are neighbours; missing rows are not numbers. */
+/** Return rows as one array, in which the `width` numbers of a state are neighbours; missing rows are NaN. */
 function columns(rows, count, width) {
     const found = new Float64Array(count * width).fill(NaN);
     rows.forEach((row, i) => row.forEach((value, k) => (found[k * width + i] = value)));
     return found;
 }
 
-/** Start the player of a recording with its unpacked numbers. */
+/** Start the player of a recording. `bytes` are the decompressed numbers of its rows. */
 function startRecording(bytes) {
     const data = JSON.parse(document.getElementById("data").textContent);
     const player = new Player(new Recording(data, bytes), data);

@@ -1,9 +1,12 @@
-// Sliders, each with a number field beside it, and the start of a page that has them.
+// Sliders of a page, each with a number field beside it, and the function that starts such a page.
 
-/** Number of positions of a slider: its value is rounded to a digit finer than one of them. */
+/** Number of positions of a slider. Values are rounded to a power of ten below the distance of two positions. */
 const STEPS = 500;
 
-/** Return the rates about the axes of bodies at a state, three of each: the vector of 2 q* dq/dt / |q|^2. */
+/**
+ * Return the rates of rotation of bodies about their axes at a state, three for each body. They are the vector part of
+ * 2 q* dq/dt / |q|^2 for the quaternion q.
+ */
 function bodyRates(y, quaternions) {
     const half = y.length / 2;
     return quaternions.flatMap((rows) => {
@@ -15,7 +18,7 @@ function bodyRates(y, quaternions) {
     });
 }
 
-/** Set one of these rates in a state: the derivative of the quaternion is q (0, rates)/2. */
+/** Set the rate of rotation number `place` in a state. The derivative of the quaternion q is q (0, rates)/2. */
 function turnWith(y, quaternions, place, value) {
     const rows = quaternions[Math.floor(place / 3)];
     const rates = bodyRates(y, [rows]);
@@ -53,7 +56,7 @@ class Sliders {
         });
     }
 
-    /** Return the value of a slider, without superfluous digits. */
+    /** Return the value of a slider, rounded to the digits that its position determines. */
     rounded({ range, value }) {
         const [low, high, at] = [range.min, range.max, range.value].map(Number);
         const step = 10 ** Math.floor(Math.log10((high - low) / STEPS));
@@ -72,7 +75,7 @@ class Sliders {
         this.changed();
     }
 
-    /** Show the present values: constraints may have changed other values than the one that was set. */
+    /** Show the present values of all sliders, because constraints may have changed several values. */
     read() {
         const { parameters, initial } = this.motion;
         const values = { parameter: parameters, state: initial, rate: bodyRates(initial, this.motion.data.quaternions) };

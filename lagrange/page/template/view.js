@@ -1,17 +1,17 @@
-// Projection of positions in the plane or in space to pixels.
+// Project positions in the plane or in space to pixels, and choose the visible region.
 
-/** Free part of the picture around the motion, on each side. */
+/** Margin on each side of the motion, as a fraction of the picture. */
 const MARGIN = 0.1;
 
-/** Least side of the box around a motion in space, and the room beside the motion, as parts of its largest side. */
+/** Least side of the box around a motion in space, and margin beside the motion, as fractions of its largest side. */
 const LEAST_SIDE = 0.25;
 const BESIDE = 0.06;
 
-/** A motion in space that is flatter than this part of its size is viewed along its flat direction. */
+/** A motion in space that has less than this fraction of its size in one direction is viewed along this direction. */
 const FLAT = 1e-9;
 
 class View {
-    /** View positions of a dimension; space from an azimuth and an elevation in radians. */
+    /** Store the `dimension` of positions, 2 or 3. Space is viewed from an azimuth and an elevation in radians. */
     constructor(dimension, [azimuth, elevation]) {
         this.dimension = dimension;
         this.azimuth = azimuth;
@@ -22,7 +22,7 @@ class View {
         this.turn(0, 0);
     }
 
-    /** Rotate the view of space by angles. */
+    /** Rotate the direction of view in space by two angles in radians, across and up. */
     turn(across, up) {
         this.azimuth -= across;
         this.elevation = Math.min(Math.PI / 2, Math.max(-Math.PI / 2, this.elevation + up));
@@ -46,7 +46,7 @@ class View {
         return [right[0] * x + right[1] * y + right[2] * z, up[0] * x + up[1] * y + up[2] * z];
     }
 
-    /** Set the box from the positions of a run; `first` also chooses the direction of view for a flat one. */
+    /** Set the box from the positions of a run. If `first`, choose the direction of view for a flat motion, too. */
     survey(samples, first) {
         this.samples = samples;
         this.bounds = extents(samples, this.dimension);
@@ -59,7 +59,7 @@ class View {
         }
     }
 
-    /** View a motion in a plane of coordinates from the front of that plane. */
+    /** View a motion that stays in a plane of two axes at right angles to this plane. */
     face() {
         const sizes = this.bounds.map(([low, high]) => high - low);
         const flat = sizes.indexOf(Math.min(...sizes));
@@ -99,19 +99,19 @@ class View {
         });
     }
 
-    /** Corner of the floor that is nearest. */
+    /** Corner of the floor that is nearest to the viewer. */
     get near() {
         const [a, e] = [this.azimuth, Math.sign(this.elevation) || 1];
         return [this.room[0][e * Math.cos(a) > 0 ? 1 : 0], this.room[1][e * Math.sin(a) > 0 ? 1 : 0]];
     }
 
-    /** Corner of the floor that is furthest to the left. */
+    /** Corner of the floor that is farthest to the left in the picture. */
     get left() {
         const [xs, ys] = this.room;
         return [xs[this.right[0] > 0 ? 0 : 1], ys[this.right[1] > 0 ? 0 : 1]];
     }
 
-    /** Return the direction on the screen that leads away from the edge with the numbers of an axis of space. */
+    /** Return the direction on the screen in which the numbers of axis number `k` are written beside its edge. */
     outwards(k) {
         if (k === 2) {
             return [-1, 0];
@@ -123,7 +123,7 @@ class View {
         return away.map((part) => part / length);
     }
 
-    /** Extend the box to the positions of one time. */
+    /** Extend the box to the positions `places` of all points at one time. */
     include(places) {
         for (let at = 0; at < places.length; at += this.dimension) {
             const [u, v] = this.seen(places, at);
@@ -139,7 +139,7 @@ class View {
         return Math.max(this.box.right - this.box.left, this.box.high - this.box.low) / this.first;
     }
 
-    /** Move the visible region towards the box by a share, and fit it into a canvas. */
+    /** Move the visible region by the fraction `share` of the way to the box, and fit it into a canvas. */
     fit(width, height, share) {
         for (const side of Object.keys(this.box)) {
             this.shown[side] += share * (this.box[side] - this.shown[side]);
@@ -157,13 +157,13 @@ class View {
         return [this.centre[0] + this.scale * (u - this.middle[0]), this.centre[1] - this.scale * (v - this.middle[1])];
     }
 
-    /** Return the pixel of a position. */
+    /** Return the pixel of the position that begins at index `at` of `places`. */
     at(places, at) {
         return this.pixel(this.seen(places, at));
     }
 }
 
-/** Return the bounds of positions in each direction. */
+/** Return the least and the largest coordinate of positions in each direction. */
 function extents(samples, dimension) {
     const found = Array.from({ length: dimension }, () => [Infinity, -Infinity]);
     for (const places of samples) {
