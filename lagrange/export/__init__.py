@@ -1,1 +1,1 @@
-"""Code for other solvers: whole models as source text, each with a test of its own."""
+"""Export models as source code in other languages, each with a self-test: `system.export` and its targets."""

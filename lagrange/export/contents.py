@@ -1,4 +1,4 @@
-"""Choose the exported quantities, integrators and run, build a language-independent module, and write its files."""
+"""`system.export`: choose the exported quantities, integrators and run, compute their tests, and write the files."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ from lagrange.trajectory.methods.tolerances import STEPS_UNDER_BRIEF_FORCE
 DEFAULT = ("rhs", "energy")  # Default contents of an export
 
 STEP, MAIN, TAYLOR = "step", "main", "taylor"
-STEP_METHOD, ADAPTIVE_METHOD = "rk4", "dop853"  # Default methods: of the content `step`, and of `main`
+STEP_METHOD, ADAPTIVE_METHOD = "rk4", "dop853"  # Default methods of the contents "step" and "main"
 INTERVALS = 1000  # Default number of intervals between the rows that `main` writes
 MAIN_RTOL = 1e-12  # Relative tolerance of `main`, unless that of the scene is tighter
 
@@ -62,8 +62,8 @@ MAIN_RTOL = 1e-12  # Relative tolerance of `main`, unless that of the scene is t
 class ExportContents:
     """The contents of an export: names of quantities, and pairs of the name of a method and its step program.
 
-    `main` is True if a run from the initial state is exported, as a program or model that is called `main`. `taylor`
-    is True if the Taylor integrator is exported.
+    `main` is True if a program or model that runs from the initial state is exported. `taylor` is True if the Taylor
+    integrator is exported.
     """
 
     quantities: tuple[str, ...]
@@ -79,9 +79,9 @@ def contents_of(
     events: Sequence[Event],
     parameters: Mapping[Any, Any] | None,
 ) -> ExportContents:
-    """Return the contents of an export: those that are requested by name, and others that these need.
+    """Return the contents of an export: those that are requested by name, and others that the requested ones need.
 
-    `contents` are the requested names, or None for the default ones. `events` are the events to export, and
+    `contents` are the requested names, or None for the default contents. `events` are the events to export, and
     `parameters` values that replace the stated ones. Raises StatementError for contents that the system or the target
     does not have.
     """
@@ -115,7 +115,8 @@ def _refuse(
 ) -> None:
     """Raise StatementError for contents that the system or the target does not have.
 
-    `names` are the requested contents, and `methods` the integration methods among them or implied by them.
+    `names` are the requested contents, `methods` are the requested or necessary integration methods, and `events` are
+    the events to export.
     """
     known = [*QUANTITIES, STEP, MAIN, TAYLOR]
     for name in methods:
@@ -159,10 +160,10 @@ def _refuse(
 
 
 def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -> None:
-    """Raise StatementError if an input of the model has no value in `parameters`.
+    """Raise StatementError if an input, a known function of time without a formula, has no value in `parameters`.
 
-    An exported run needs the values, because the inputs are constant during it. So the rates of an input that has a
-    value need none: they are zero.
+    An exported run needs the values, because inputs are constant during the run. The derivatives of an input need no
+    values, because they are zero.
     """
     if isinstance(parameters, np.ndarray):  # it has all values
         return
@@ -178,9 +179,9 @@ def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -
 
 
 def _refuse_runs(target: Target, methods: Sequence[str]) -> None:
-    """Raise StatementError for methods that do not fit a target whose files integrate with one method only.
+    """Raise StatementError for `methods` that do not fit a target whose files integrate with one method only.
 
-    In such a target there is at most one method, and it must have error control.
+    Such a target has at most one method, and the method must have error control.
     """
     plain = [name for name in methods if not _adaptive(name)]
     if plain:
@@ -215,9 +216,10 @@ def step_of(name: str) -> StepProgram:
 def module_of(
     model: Model, requested: ExportContents, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
 ) -> SourceModule:
-    """Return the content of an export, independent of a language: the contents `requested`, and `events` as a quantity.
+    """Return the data of an export that all languages share: the contents `requested`, and their tests.
 
-    `parameters` replace default values. Raises StatementError for missing values, and if nothing can be tested.
+    `events` are the events to export as a quantity. `parameters` replace default values. Raises StatementError for
+    missing values, and if no states with values are found for the tests.
     """
     statement = model.statement
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
@@ -293,7 +295,7 @@ def names_of(model: Model) -> ValueNames:
 
 MASS = "mass_a_b: the entry of the mass matrix for the coordinates a and b"
 GRADIENT = "; gradient_c_a: the derivative of the constraint c by the coordinate a, or by its velocity"
-"""Explanations of the names of intermediate values, for comments in an exported file."""
+"""Comments for an exported file that explain the names of matrix entries."""
 
 PREPARE = "Write the parameters into p, then the values that depend on parameters alone."
 
@@ -319,8 +321,8 @@ def _integrator(
 ) -> ExportedIntegrator:
     """Return the integrator of the method `name`: a procedure for one step, or for a run with error control.
 
-    The procedure calls the right-hand side of the method, one of `procedures`, and the projection onto constraints if
-    that is one of them. `prune` removes values that no statement reads.
+    `procedures` has by name the right-hand side that the method calls, and the projection onto constraints if there are
+    constraints. `prune` removes values that no statement reads.
     """
     identifier, law = name.replace("-", "_"), procedures[LAWS[step.law].quantity]
     laws = {"law": law, "jacobian": law}
@@ -373,7 +375,7 @@ def _quantities(
 
 
 def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
-    """Return the names of the results of a quantity in order: theta_dot and theta_ddot for rhs of a pendulum."""
+    """Return the names of the results of a quantity in order: theta_dot and theta_ddot for "rhs" of a pendulum."""
     names, points = model.statement.names, model.statement.drawn.items()
     velocities, accelerations = ([f"{each}{suffix}" for each in names] for suffix in ("_dot", "_ddot"))
     rates = [*velocities, *accelerations]
@@ -404,10 +406,10 @@ def _run(model: Model, parameters: FloatArray) -> ExportedRun:
 
 
 def divisors(model: Model) -> Program | None:
-    """Return a program for the divisors in the formulas of the accelerations, or None if there are none.
+    """Return a program that computes the divisors in the formulas of the accelerations, or None if there are none.
 
-    They are the blocks of one unknown in the linear system for the accelerations, whose equations are solved by a
-    division. No factorization tests these matrix entries for zero. An entry that is a nonzero constant is left out.
+    A block with one unknown in the linear system for the accelerations is solved by a division by its matrix entry. No
+    factorization tests this entry for zero. Entries that are nonzero constants are left out.
     """
     equations = model.equations
     alone = [equations.matrix[block[0]][block[0]] for block in equations.plan.blocks if len(block) == 1]
@@ -416,9 +418,9 @@ def divisors(model: Model) -> Program | None:
 
 
 def fixed(entries: Program, prepared: PreparedLayout) -> list[int]:
-    """Return the indices in the array p of those outputs of the program `entries` that depend on parameters alone.
+    """Return the indices in the array p of the outputs of the program `entries` that depend on parameters alone.
 
-    `prepared` is the layout of p: the parameters, then all values that depend on them alone.
+    `prepared` is the layout of p: the parameters, then all values that depend on parameters alone.
     """
     slots, code = prepared.of_program(entries), entries.instructions
     return [
@@ -432,8 +434,8 @@ def fixed(entries: Program, prepared: PreparedLayout) -> list[int]:
 class Exported:
     """The result of an export: paths of the written files, and shell lines to run in their folder.
 
-    `commands` build and run the self-test; its exit status is 0 if all results are right. `run_commands` build and run
-    `main`, which writes its table; empty if `main` is not among the contents.
+    `commands` build and run the self-test, whose exit status is 0 if all results are right. `run_commands` build and
+    run `main`, which writes a table; there are none if `main` is not among the contents.
     """
 
     files: tuple[Path, ...]
@@ -458,9 +460,9 @@ def export(
 ) -> Exported:
     """Write a model as source files of a target into the folder `path`, which is created if it is missing.
 
-    `contents` are the names of quantities and methods to export, None for the default ones. `events` are the events
-    to export, and `parameters` values that replace the stated ones. If this fails, folders that were created are
-    removed.
+    `contents` are the names of quantities and methods to export, None for the defaults. `events` are the events to
+    export, and `parameters` values that replace the stated ones. After an error, folders that were created are removed.
+    Raises StatementError for an unknown target, and for contents that the system or the target does not have.
     """
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement, constant="an export")

@@ -1,7 +1,7 @@
-"""Solve symmetric linear systems: Python functions, and their text in languages whose other functions have no loops.
+"""Solve symmetric linear systems in exported files: Python functions, and their translation to other languages.
 
-Matrices that are not definite, such as those of constraints, need row exchanges, which depend on the numbers in the
-matrix. So only these functions have loops in a file without integrators.
+Matrices that are not definite, such as those of systems with constraints, need row exchanges, which depend on the
+numbers in the matrix. So these functions have loops; all other functions of a file without integrators have none.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from lagrange.procedure.form import FLAG, REAL
 from lagrange.procedure.spelling import ATOM, Literals, Operator
 
 ROWS = 3
-"""Number of rows that a factored matrix has below its n rows: row numbers, units, and preferences as pivots."""
+"""Number of rows below the n rows of a factored matrix: row numbers, scales, and weights in the choice of a pivot."""
 
 
 def factored(n: int, a: Any) -> bool:
     """Replace the symmetric matrix in `a` (n + 3, n) by its factors L U; return True if it is singular to round-off.
 
-    The first n rows are the matrix, whose lower triangle is given. The three rows below receive the order of the
-    rows, their scales, and their weights in the choice of a pivot. A positive definite matrix is eliminated in its
-    upper triangle, which takes half of the time. In any other matrix rows are exchanged. The row of a constraint is
-    preferred to the row of an inertia that may be only a rounding error.
+    The first n rows contain the lower triangle of the matrix. The three rows below receive the order of the rows, their
+    scales, and their weights in the choice of a pivot. A positive definite matrix is eliminated in its upper triangle,
+    which takes half of the time. In any other matrix rows are exchanged. The row of a constraint is preferred to the
+    row of an inertia, which may be only a rounding error.
     """
     scaled(n, a)
     definite = True
@@ -79,10 +79,10 @@ def factored(n: int, a: Any) -> bool:
 def scaled(n: int, a: Any) -> None:
     """Fill the upper triangle of the matrix in `a` (n + 3, n), and scale its rows and columns.
 
-    So pivots do not depend on the user's units. Row n of `a` receives the order of rows, row n + 1 the scales, and
-    row n + 2 the weights in the choice of a pivot. Diagonal entries become one in size. Rows with a zero on the
-    diagonal belong to constraints and to coordinates without inertia. Their largest entry becomes one; constraints
-    are the last rows, and are scaled first. The factors are those of `lagrange.algorithm.linear.symmetric`.
+    Scaling makes pivots independent of the user's units. Row n of `a` receives the order of rows, row n + 1 the scales,
+    and row n + 2 the weights in the choice of a pivot. The magnitude of diagonal entries becomes one. Rows with a zero
+    on the diagonal belong to constraints and to coordinates without inertia; their largest entry becomes one.
+    Constraints are the last rows, and are scaled first. The scales are those of `lagrange.algorithm.linear.symmetric`.
     """
     for i in range(n):
         a[n, i] = float(i)
@@ -109,9 +109,9 @@ def scaled(n: int, a: Any) -> None:
 
 
 def solved(n: int, a: Any, right: Any, x: Any) -> None:
-    """Write the solution of a linear system to `x` (n,), for the right-hand side `right` (n,).
+    """Write the solution of a linear system with the right-hand side `right` (n,) to `x` (n,).
 
-    `a` (n + 3, n) has the factors of its matrix from `factored`.
+    `a` (n + 3, n) has the factors of the matrix, from `factored`.
     """
     for i in range(n):
         row = int(a[n, i])
@@ -129,7 +129,7 @@ def solved(n: int, a: Any, right: Any, x: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Statements:
-    """Spellings of operations, literals and statements in a language, as templates.
+    """Spellings of operations, literals and statements in a language, as templates with fields {0} or {name}.
 
     - `first` is the index of the first element; if it is 1, a loop includes its end.
     - `store` assigns a value to a variable. `local` is the first assignment to a local variable; {mut} is Rust's mut.
@@ -162,7 +162,7 @@ class Statements:
 
 
 def body(function: Callable[..., Any], style: Statements) -> list[str]:
-    """Return the body of `factored` or `solved` as lines in the language of `style`, indented by one level."""
+    """Return the body of `factored` or `solved`, translated to the language of `style`, as indented lines."""
     statements = _statements(function)
     names = [
         target.id
@@ -177,7 +177,7 @@ def body(function: Callable[..., Any], style: Statements) -> list[str]:
 
 
 def _statements(function: Callable[..., Any]) -> list[ast.stmt]:
-    """Return the syntax trees of a function's statements, with the statements of `scaled` in place of its call."""
+    """Return the syntax trees of a function's statements; the statements of `scaled` replace a call of `scaled`."""
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     assert isinstance(tree, ast.FunctionDef)
     _, first, *rest = tree.body
@@ -187,7 +187,7 @@ def _statements(function: Callable[..., Any]) -> list[ast.stmt]:
 class _Printer:
     """Prints syntax trees of Python in another language; loop indices count from that language's first index.
 
-    `changed` has the names of local variables, each with True if it is assigned more than once.
+    `changed` has a flag for each local variable by name: True if the variable is assigned more than once.
     """
 
     def __init__(self, statements: Statements, changed: Mapping[str, bool]) -> None:

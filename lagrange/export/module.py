@@ -1,4 +1,4 @@
-"""The language-independent module of an export: functions, their tests, names, and comments that fit every language."""
+"""Data of an exported file that all languages share: functions, tests, legal names, comments, and broken lines."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ class ExportedQuantity:
     """An exported function of time, state and the array p of values that depend on parameters alone.
 
     `results` are the names of its results in C order, `shape` is the shape of their array, and `unit` their common
-    unit. `program` is its formula, for languages without loops. `procedure` is its code, for the other languages.
+    unit. `program` has the operations of the function, for languages without loops. `procedure` is the same function
+    for the other languages. `about` describes the function in the exported file.
     """
 
     name: str
@@ -44,9 +45,9 @@ class ExportedQuantity:
 
 @dataclass(frozen=True, eq=False)
 class ExportedIntegrator:
-    """An exported integrator: one step, or a run to an end time if `adaptive`.
+    """An exported integrator: a function for one step, or for a run to an end time if `adaptive`.
 
-    The parameters of the exported function are those of `procedure`.
+    The exported function has the parameters of `procedure`.
     """
 
     name: str
@@ -59,7 +60,7 @@ class ValueNames:
     """Names for values in an exported file: of the state, of parameters, and of matrix entries.
 
     `matrix` is the program whose results are the matrix entries of the linear system for the accelerations; `entries`
-    are the names of these results. Where `state` or `parameters` is empty, values of that kind get no name.
+    are the names of these results. If `state` or `parameters` is empty, its values get no names.
     """
 
     state: tuple[str, ...]
@@ -85,7 +86,7 @@ class ValueNames:
 def numbered(program: Program, numbers: dict[Instruction, int]) -> list[int]:
     """Return a number for each instruction of a program; instructions with equal values have the same number.
 
-    `numbers` has the number of each instruction so far, also of other programs; new instructions are added to it.
+    `numbers` has the numbers of the instructions of earlier programs; new instructions are added to it.
     """
     result: list[int] = []
     for instruction in program.instructions:
@@ -110,9 +111,9 @@ class Check:
 
 @dataclass(frozen=True)
 class StepCheck:
-    """The test of an integrator: from `state` (2n,) at `time`, the state after the time `length` is `result` (2n,).
+    """The test of an integrator, which starts from `state` (2n,) at `time` and has to reach `result` (2n,).
 
-    `length` is the step, or the duration of an adaptive run. `allowed` (2n,) are the allowed absolute errors.
+    `length` is the step, or the duration of a run with error control. `allowed` (2n,) are the allowed absolute errors.
     """
 
     name: str
@@ -125,7 +126,10 @@ class StepCheck:
 
 @dataclass(frozen=True)
 class ExportedRun:
-    """The run of `main` from the initial state to `t_end`; `main` prints a table of `intervals` + 1 rows."""
+    """The run of the exported program `main` from the state `initial` (2n,) to `t_end`, with the tolerance `rtol`.
+
+    `main` prints a table of `intervals` + 1 rows.
+    """
 
     initial: tuple[float, ...]
     t_end: float
@@ -135,7 +139,7 @@ class ExportedRun:
 
 @dataclass(frozen=True, eq=False)
 class SourceModule:
-    """The content of an exported file, independent of a language.
+    """The content of an exported file, before it is written in a language.
 
     - `statement` are lines of text about the system.
     - `state` and `parameters` are the names of the entries of the arrays `y` and `parameters`, as stated.
@@ -176,7 +180,7 @@ class SourceModule:
 
     @property
     def procedures(self) -> tuple[Procedure, ...]:
-        """All procedures, each once and before its callers."""
+        """All procedures of the file; callees come before their callers."""
         ordered: dict[Procedure, None] = {}
         for procedure in self.public:
             ordered |= dict.fromkeys((*procedure.callees, procedure))
@@ -205,9 +209,9 @@ def spelled_letter(letter: str) -> str:
 def distinct(
     names: Sequence[str], reserved: Iterable[str] = (), *, key: Callable[[str], str] = lambda name: name
 ) -> tuple[str, ...]:
-    """Return distinct legal names in order; a name that is taken or reserved gets a number as suffix.
+    """Return a distinct legal name for each of `names`; a name that is taken or reserved gets a number as suffix.
 
-    Two names count as the same if `key` maps them to the same text: `str.lower` for a language that ignores case.
+    Two names count as equal if `key` maps them to the same text: `str.lower` for a language that ignores case.
     """
     taken, legal_names = {key(word) for word in reserved}, []
     for name in names:
@@ -249,7 +253,7 @@ def number_lines(values: Iterable[str], indent: str, end: str = ",") -> list[str
 
 
 TOGETHER, KEPT = "\N{NO-BREAK SPACE}", "\x1f"
-"""A space at which no line is broken, and the character that replaces it while lines are broken."""
+"""A space at which no line is broken, and the character that replaces this space while lines are broken."""
 
 
 def plain(text: str) -> str:
@@ -276,7 +280,7 @@ TEST = (
     "The test: results at some states, computed with 40 digits. A result may be off by 1e-12 of itself; where it is a "
     "small difference of large numbers, by 1e-12 of the largest one at that state."
 )
-"""Comment on the self-test: what is compared, and the allowed errors. A language adds a sentence on its report."""
+"""Comment at the top of an exported self-test: the compared results, and the allowed errors."""
 
 
 def places(array: str, names: Sequence[str], element: str = "{0}[{1}]", first: int = 0) -> str:
@@ -289,9 +293,9 @@ def places(array: str, names: Sequence[str], element: str = "{0}[{1}]", first: i
 
 
 def named_places(module: SourceModule, array: str) -> Iterator[str]:
-    """Yield lines of Python: comments on the entries of y and of the parameters, their names and default values.
+    """Yield lines of an exported Python file: names, indices and default values of states and parameters.
 
-    `array` is the name of the array of parameters.
+    `array` is the name of the array of parameters in the comments.
     """
     yield ""
     yield from commented(places("y", module.state), "#")
@@ -321,9 +325,9 @@ def statement_comment(module: SourceModule, mark: str) -> list[str]:
 
 
 def statuses(regular: str, singular: str) -> str:
-    """Return a comment on the status that the functions of quantities return.
+    """Return a comment for an exported file on the status that the functions of quantities return.
 
-    `regular` is the spelling of the status if all matrices are regular, and `singular` if a matrix is singular.
+    `regular` and `singular` are the spellings of the status if all matrices are regular, and if a matrix is singular.
     """
     return (
         f"Each function of t, y and p returns {regular}, or {singular} where a matrix is singular to round-off: out is "
@@ -332,12 +336,12 @@ def statuses(regular: str, singular: str) -> str:
 
 
 def outcome_codes() -> list[tuple[str, int, str]]:
-    """Return (name, number, meaning) of each code that integrators return; a name is such as "NON_FINITE"."""
+    """Return the name, the number and the meaning of each code that integrators return, such as "NON_FINITE"."""
     return [(code.name, int(code), text) for code, text in OUTCOMES.items()]
 
 
 def indices(module: SourceModule, first: int = 0) -> list[tuple[str, int]]:
-    """Return names for the indices of states and parameters, such as ("Y_THETA", 0) and ("PARAMETER_M", 0).
+    """Return pairs of a constant's name and an index of a state or a parameter: ("Y_THETA", 0), ("PARAMETER_M", 0).
 
     `first` is the index of the first entry of an array in the language.
     """
@@ -356,9 +360,9 @@ def about_of(module: SourceModule, procedure: Procedure) -> str:
 
 
 def sizes(module: SourceModule, prepared: int | None = None) -> list[tuple[str, int, str]]:
-    """Return the lengths of all arrays as (name, length, description of the entries).
+    """Return the lengths of all arrays as tuples (name, length, description of the entries).
 
-    `prepared` is the length of p, the array of values that depend on parameters alone; None is that of the module.
+    `prepared` is the length of p, the array of values that depend on parameters alone; None for the module's length.
     """
     length = module.prepared if prepared is None else prepared
     return [
@@ -385,7 +389,7 @@ def columns(module: SourceModule) -> str:
 
 
 def run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator]:
-    """Return the run that the exported program computes, and its integrator, the first adaptive one.
+    """Return the run of the exported program `main`, and its integrator, the first one with error control.
 
     The module must have a run.
     """
@@ -415,14 +419,14 @@ INPUTS = (
     "the last parameters. Prepared numbers do not depend on them: these entries of p may be changed before every call. "
     "A run keeps them constant."
 )
-"""Comment on inputs for an exported file: they are the last parameters."""
+"""Comment for an exported file on the inputs: the known functions of time whose values the caller sets."""
 
 LONG_TERM = 300
 """Terms with more operations than this are printed in SymPy's order: textbook order takes seconds for thousands of
 operations."""
 
 
-LICENSE = "BSD-3-Clause"  # License of the text of exported files that is ours; the equations are the user's
+LICENSE = "BSD-3-Clause"  # License of the texts of this package in exported files; the equations belong to the user
 
 
 def generator() -> str:
@@ -431,10 +435,9 @@ def generator() -> str:
 
 
 def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Iterator[str]:
-    """Yield the text of a statement as lines: name, version, license, energies, forces, constraints, events.
+    """Yield the statement of a system as lines for a comment: name, version, license, energies, forces, constraints.
 
-    Coordinates in order, and parameters with values and units follow. Given functions of time appear by name, as
-    stated.
+    Events, coordinates, and parameters with values and units follow. Known functions of time appear by name.
     """
     inputs = [symbol.name for symbol, _ in statement.inputs]
     statement = statement.open_form or statement

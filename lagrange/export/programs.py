@@ -1,6 +1,6 @@
-"""The programs beside an exported file: its self-test with the test data, and `main`, which runs the initial state.
+"""Write the self-test of an exported file, with its test data, and the program `main`, which runs the initial state.
 
-The same code fills in both programs for all languages, from the texts in the folder `templates`.
+Both programs are filled in from the texts in the folder `templates`, in the same way for all languages.
 """
 
 from __future__ import annotations
@@ -61,12 +61,12 @@ def templates(language: str) -> Mapping[str, Fields]:
 
 
 def filled(language: str, name: str, /, **fields: object) -> str:
-    """Return the text of a template of a language with values for its fields, without line ends after it."""
+    """Return the template `name` of a language with its fields replaced by `fields`, without line ends after it."""
     return templates(language)[name].substitute(fields).rstrip()
 
 
 def words(language: str, name: str) -> list[str]:
-    """Return the words of a list of a language, such as the list "reserved"."""
+    """Return the words of the template `name` of a language, such as the list "reserved"."""
     return templates(language)[name].template.split()
 
 
@@ -81,7 +81,7 @@ def helpers(language: str) -> dict[str, str]:
 
 
 def named_helpers(language: str) -> dict[str, tuple[str, str]]:
-    """Return (name, definition) of the helper functions in C or JavaScript, by operation."""
+    """Return the name and the definition of each helper function in C or JavaScript, by operation."""
     names = re.compile(r"^(?:function|double|int64_t) (\w+)", re.MULTILINE)
     return {op: (names.findall(text)[0], text) for op, text in helpers(language).items()}
 
@@ -94,11 +94,11 @@ TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
 
 @dataclass(frozen=True)
 class Script:
-    """The self-test and the program `main` in a language.
+    """How the self-test and the program `main` are written in a language.
 
-    - `language` is the name of the file of its templates. `head` and `tail` are the text before and after all tests.
-      `quantity` is the test of a quantity, `integrator` the test of a step or run. Their field `tables` has lists of
-      numbers, and `table` is the template of one list. `main` is missing in languages without integrators.
+    - `language` is the name of the file with the templates. Its templates `head` and `tail` are the text before and
+      after all tests. `quantity` is the test of a quantity, and `integrator` the test of a step or a run. Their field
+      `tables` has lists of numbers, and `table` is the template of one list. `main` is the program, if there is one.
     - `comment` returns a text as comment lines.
     - `literals` spells numbers, and `quoted` spells a name as a string.
     - `time` writes the start time of a run, as an argument that the run changes.
@@ -115,20 +115,20 @@ class Script:
     quoted: Callable[[str], str] = '"{}"'.format
 
     def filled(self, template: str, fields: Mapping[str, object], **extra_fields: object) -> str:
-        """Return the text of the template with this name in the language, with values for its fields."""
+        """Return the template `template` of the language with its fields replaced by `fields` and `extra_fields`."""
         return templates(self.language)[template].substitute(fields, **extra_fields)
 
 
 def marked(mark: str) -> Callable[[str], Sequence[str]]:
-    """Return a function that returns a text as comment lines, each after `mark`."""
+    """Return a function that returns a text as comment lines, each of which begins with `mark`."""
     return lambda text: commented(text, mark)
 
 
 def test_text(module: SourceModule, script: Script, **extra_fields: object) -> str:
-    """Return the self-test: a program that compares results of the exported functions with expected ones.
+    """Return the text of the self-test, a program that compares results of the exported functions with expected ones.
 
     The expected results of quantities were computed in multiple precision. `extra_fields` are values for further
-    fields of the templates in `script`.
+    fields of the templates of `script`.
     """
     fields = {**fields_of(module), **extra_fields}
     text = ["\n".join([*script.comment(f"Self-test of {module.name}. {TEST} Exit status 0 if all are right."), "", ""])]
@@ -146,7 +146,7 @@ def test_text(module: SourceModule, script: Script, **extra_fields: object) -> s
 
 
 def fields_of(module: SourceModule) -> dict[str, object]:
-    """Return the values of the fields that all templates share: names, lengths, and the number of tested results."""
+    """Return the values of the fields that all templates have: names, lengths, and the number of tested results."""
     quantities = sum(len(check.results) * len(check.results[0]) for check in module.checks)
     return {
         "module": module.name,
@@ -157,7 +157,7 @@ def fields_of(module: SourceModule) -> dict[str, object]:
 
 
 def _named(name: str, script: Script, lists: Mapping[str, Sequence[float]]) -> dict[str, str]:
-    """Return the fields of a test: its name, and the text of its lists of numbers, `lists` by name."""
+    """Return the fields of the test called `name`: the name, and the text of the lists of numbers in `lists`."""
     tables = ""
     for table, values in lists.items():
         for begin in range(0, len(values), script.chunk or len(values) or 1):
@@ -184,7 +184,7 @@ def _arguments(module: SourceModule, check: StepCheck, script: Script) -> str:
 
 
 def main_text(module: SourceModule, script: Script, **extra_fields: object) -> str:
-    """Return the program `main`, which runs the initial state and prints a table of states over time.
+    """Return the text of the program `main`, which runs the initial state and prints a table of states over time.
 
     `extra_fields` are values for further fields of the template in `script`. The module must have a run.
     """
@@ -215,10 +215,10 @@ WELL_CONDITIONED = 2e-14
 """Largest relative error of doubles at a preferred test state: a fiftieth of the allowed error."""
 
 STATE_DRAWS = 60  # Number of random states from which well-conditioned ones are chosen
-ULP = 2.0**-52  # Relative change of a state that estimates the condition number of its results
+ULP = 2.0**-52  # Relative change of a state, from which the sensitivity of results to rounding is estimated
 
 NEAR_INITIAL_STATE = SampleKind("near the initial state", "initial", "default")
-"""Sampling of the test states: near the initial state, with the default parameters."""
+"""Kind of random states for tests: near the initial state, with the default parameters."""
 
 
 Evaluation = Callable[[float, Sequence[float]], list[float] | None]
@@ -226,9 +226,10 @@ Evaluation = Callable[[float, Sequence[float]], list[float] | None]
 
 
 def in_python(procedure: Procedure, prepared: memoryview, count: int) -> Evaluation:
-    """Return the procedure of a quantity as a Python function of t and y, which returns None if a matrix is singular.
+    """Return a Python function that runs the procedure of a quantity at t and y, and returns its results as a list.
 
-    `prepared` is the array of values that depend on parameters alone, `count` is the number of results.
+    The function returns None if a matrix is singular. `prepared` is the array of values that depend on parameters
+    alone, and `count` is the number of results.
     """
     run = loaded(procedure)
 
@@ -243,11 +244,11 @@ def in_python(procedure: Procedure, prepared: memoryview, count: int) -> Evaluat
 def check_of(
     name: str, program: Program, evaluate: Evaluation, statement: Statement, parameters: Sequence[float]
 ) -> Check:
-    """Return the test of a quantity; `evaluate` runs the exported procedure in doubles.
+    """Return the test of a quantity at `STATES` states; `evaluate` runs the exported procedure in double precision.
 
-    States are drawn near the initial state, with the default parameters. Preferred are states at which doubles
-    reproduce every result with a relative error of 2e-14. At other states the allowed error is 1e-12 of the largest
-    result there, and the comments of the file say so. Raises StatementError if too few states have values.
+    States are drawn near the initial state, with the default parameters. States at which double precision reproduces
+    every result with a relative error of 2e-14 are preferred. At any other state the allowed error is 1e-12 of the
+    largest result, and the comments of the file say so. Raises StatementError if too few states have values.
     """
     states = list(_states(statement))
     states.sort(key=lambda state: _sensitivity(evaluate, *state) > WELL_CONDITIONED)
@@ -272,9 +273,9 @@ def _no_states(
     statement: Statement,
     parameters: Sequence[float],
 ) -> str:
-    """Return the end of an error message: what to do about a quantity with too few test states.
+    """Return the end of the error message for a quantity with too few test states: the cause, and what to do.
 
-    The cause is a parameter that is zero, or states at which the quantity has no value.
+    The cause is a parameter that is zero, or an initial state near which the quantity has no value.
     """
 
     def some(values: Sequence[float]) -> bool:
@@ -317,9 +318,9 @@ def evaluate(
 
 @cache
 def _arithmetic(digits: int) -> Arithmetic:
-    """Return the operations of a program on mpmath numbers of `digits` digits; they raise errors for complex results.
+    """Return the operations of programs for mpmath numbers of `digits` digits; a complex result raises ValueError.
 
-    The operations are functions of the graph module, which also uses mpmath.
+    The functions are those of `lagrange.graph.evaluate`, which also uses mpmath.
     """
     context = precise(digits)
 
@@ -333,7 +334,7 @@ def _arithmetic(digits: int) -> Arithmetic:
         return value
 
     def factored(n: int, *lower: Any) -> Any:
-        """Return LU factors and row exchanges of a symmetric matrix; `lower` is its lower triangle by rows."""
+        """Return the LU factors and row exchanges of a symmetric matrix; `lower` is its lower triangle by rows."""
         matrix, entries = context.zeros(n), iter(lower)
         for i in range(n):
             for j in range(i + 1):
@@ -359,7 +360,7 @@ def _arithmetic(digits: int) -> Arithmetic:
 
 
 class _Case(NamedTuple):
-    """A test state with its results and allowed errors."""
+    """A test state (t, y) with the expected results and their allowed errors."""
 
     t: float
     y: tuple[float, ...]
@@ -377,7 +378,7 @@ def _states(statement: Statement) -> Iterator[tuple[float, tuple[float, ...]]]:
 
 
 def _sensitivity(evaluate: Evaluation, t: float, y: tuple[float, ...]) -> float:
-    """Return the largest relative change of a result when the state changes by a rounding error."""
+    """Return the largest relative change of a result if each entry of the state `y` changes by a rounding error."""
     moved = tuple(x * (1.0 + (ULP if k % 2 else -ULP)) for k, x in enumerate(y))
     results, moved_results = evaluate(t, y), evaluate(t, moved)
     if results is None or moved_results is None:
@@ -389,9 +390,9 @@ def _sensitivity(evaluate: Evaluation, t: float, y: tuple[float, ...]) -> float:
 def _case(
     program: Program, evaluate: Evaluation, t: float, y: tuple[float, ...], parameters: Sequence[float]
 ) -> tuple[_Case, bool] | None:
-    """Return the test at one state, and True if doubles reproduce each result to nearly all digits.
+    """Return the test at one state, and True if double precision reproduces each result to nearly all digits.
 
-    Return None if the results do not exist in multiple precision or in doubles.
+    Return None if a result has no value in multiple precision or in double precision.
     """
     computed = evaluate(t, y)
     if computed is None or not all(map(math.isfinite, computed)):
@@ -414,7 +415,7 @@ def _exact(program: Program, t: float, y: tuple[float, ...], parameters: Sequenc
 
 
 STEP_LENGTH, RUN_LENGTH = 1e-3, 1e-1
-"""Length of the tested step, and of the tested run, as fractions of the scene's duration, or of 1 if that is longer."""
+"""Length of the tested step and of the tested run, as fractions of the stated duration, or of 1 if it is longer."""
 
 STEP_TOLERANCE = 1e-11
 """Allowed error of the state after a step or a short run, relative to its largest entry."""
@@ -434,18 +435,18 @@ def prepared_numbers(preparing: Procedure, size: int, statement: Statement, para
     return p
 
 
-MOST_STARTS = 20  # Number of states from which a step is tried: the initial state, then states near it
+MOST_STARTS = 20  # Largest number of states from which a step is tried: the initial state, then states near it
 
 
 MOST_TRIES = 50
-"""Largest number of steps in a tested run with error control: Python needs 10 ms a step for 50 bodies."""
+"""Largest number of trial steps in a tested run with error control: Python needs 10 ms per step for 50 bodies."""
 
 
 def step_check(integrator: ExportedIntegrator, p: memoryview, statement: Statement) -> StepCheck:
-    """Return the test of an integrator; the expected result is that of its procedure, run in Python.
+    """Return the test of an integrator, whose expected result is computed by running its procedure in Python.
 
-    It starts from the initial state, or from a state near it if the step fails there. `p` is the array of values that
-    depend on parameters alone. Raises StatementError if the step fails from every state that is tried.
+    The step or run starts from the initial state, or from a state near it if that fails. `p` is the array of values
+    that depend on parameters alone. Raises StatementError if the step fails from `MOST_STARTS` states.
     """
 
     def adaptive(t: float, t_end: float, y: memoryview) -> tuple[Outcome, float]:

@@ -1,7 +1,7 @@
-"""Print programs as functions without loops, for languages without integrators.
+"""Print programs as straight-line functions, for exports to languages without integrators such as Fortran and Julia.
 
-A `Language` is a table of spellings. The file of a language adds the text around functions and modules. Names are made
-here and literals are exact, so no text of a user is run.
+A `Language` has the spellings of a language. The file of a language adds the text around functions and modules. This
+module makes legal names and exact literals, so no text of a user is executed.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ CONDITIONS: Mapping[str, tuple[int, ...]] = {"select": (0,), "and": (0, 1), "or"
 """Indices of operands that are conditions (true or false), by operation."""
 
 SYSTEMS = ("factor", "solve", "component")
-STRUCTURE = (*GIVEN, *SYSTEMS)  # Operations that are not functions of numbers: arguments, and linear systems
+STRUCTURE = (*GIVEN, *SYSTEMS)  # Operations without a spelling: reading of arguments, and linear systems
 
 GENERATED = re.compile(r"(?:[xfsd]|singular)\d+")
-"""Names that the printer makes for values, factors, solutions and conditions."""
+"""Pattern of the names that the printer makes for values, factors, solutions and conditions."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +38,10 @@ class Language(Statements):
     """The spellings of a language, or of a library of Python, as templates.
 
     - `operations` has a template for every operation.
-    - `helpers` maps an operation to a definition that a file contains if it uses the operation. `needs` maps it to
-      other operations that this definition uses.
-    - `define` gives a value its name; its {type} is one of the two `types`, that of numbers and that of conditions.
-    - `condition` converts a number to a condition, `number` a condition to a number; None if no conversion is needed.
+    - `helpers` maps an operation to a definition that a file contains if it uses the operation. `needs` maps an
+      operation to other operations that its definition uses.
+    - `define` assigns a value to a new name. Its field {type} is one of the two `types`, of numbers and of conditions.
+    - `condition` converts a number to a condition, and `number` a condition to a number; None for no conversion.
     - `factor` and `solve` are the lines that factor a matrix and solve a linear system. `matrix` declares a matrix
       and `entry` sets an entry; if `entry` is empty, `factor` takes all entries.
     - `factored` and `solved` are the head and the end of the functions that these lines call.
@@ -65,7 +65,7 @@ class Language(Statements):
     solved: tuple[str, str] = ("", "")
 
     def definitions(self, ops: Iterable[str]) -> list[str]:
-        """Return the definitions that a file needs if its functions use the operations `ops`, in alphabetical order."""
+        """Return the helper definitions that functions with the operations `ops` need, ordered by operation."""
         needed = {need for op in ops for need in (op, *self.needs.get(op, ()))}
         return [self.helpers[op] for op in sorted(needed) if op in self.helpers]
 
@@ -82,12 +82,12 @@ class Language(Statements):
 
 
 class StraightLinePrinter:
-    """Prints the instructions of a program; a value that is read more than once gets a name.
+    """Prints the instructions of a program in a language; a value that is read more than once gets a name.
 
     `names` maps the index of an instruction to the name of its value. Entries of the state and parameters without a
-    name are called y0 and p0; the surrounding text defines these names. `kept` maps an instruction whose value
-    depends on parameters alone to the index of that value in the array p. `parameters` is the name of the array of
-    parameters. Raises StatementError for a function that the language lacks.
+    name are called y0 and p0; the surrounding text defines these names. `kept` maps the index of an instruction whose
+    value depends on parameters alone to the index of that value in the array p. `parameters` is the name of the array
+    of parameters. Raises StatementError for an operation that the language lacks.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class StraightLinePrinter:
         self.vectors: dict[int, str] = {}
         self.constants: dict[int, float | bool] = {}
         self.needed: dict[str, None] = {}
-        """Operations that were printed, as keys; "condition" is the test of a number."""
+        """Printed operations, as keys; "condition" stands for the conversion of a number to a condition."""
         self.singular: list[str] = []
         """Names of the conditions that are true if a matrix is singular."""
         self.uses, self.parameters = uses_of(program), parameters
@@ -126,7 +126,7 @@ class StraightLinePrinter:
         return self.lines
 
     def _read(self) -> list[int]:
-        """Return the indices of the instructions to print: those that outputs need, except values in the array p."""
+        """Return the indices of the instructions to print: outputs need their values, and the array p lacks them."""
         refs: dict[int, None] = {}
         todo = list(self.program.outputs)
         while todo:
@@ -293,11 +293,12 @@ def with_outputs(
 
 
 class Hoisted:
-    """Values of programs that depend on parameters alone. They follow the parameters in the array p of length `size`.
+    """Values of `programs` that depend on parameters alone, and their places in the array p.
 
-    `program` computes these values, and then whether any of them by which formulas divide, results of `divisors`, is
-    zero. `kept` has for each of the `programs` the indices of its values in p, by the index of the instruction that
-    computes the value. Solutions of linear systems are not among the values, because factors are not numbers.
+    The array p, of length `size`, has the parameters, then these values. `program` computes the values, and then for
+    each result of the program `divisors` among them whether it is zero. `kept` has for each program a dict from the
+    index of an instruction to the index of its value in p. Values of linear systems are left out, because factors are
+    not numbers.
     """
 
     def __init__(self, programs: Sequence[Program], parameters: int, divisors: Program | None) -> None:
@@ -330,7 +331,7 @@ class Hoisted:
 
 
 def checked(program: Program, divisors: Program) -> Program:
-    """Return a program with one more result, which is true if a divisor is zero and a result is not finite.
+    """Return `program` with one more result, which is true if a divisor is zero and another result is not finite.
 
     The program `divisors` computes the matrix entries by which formulas of the accelerations divide. A zero divisor
     alone is not an error, because a simplified formula may not contain it.
@@ -367,10 +368,11 @@ def checked(program: Program, divisors: Program) -> Program:
 
 @dataclass(frozen=True, eq=False)
 class PrintedFunction:
-    """A printed function: its lines, its condition that a matrix is singular, and the operations that it needs.
+    """The text of a printed function, in parts.
 
-    `declared` are the type, the name and the dimensions of each local variable. `unused` are the arguments that the
-    function does not read.
+    `lines` are the lines of its body. `status` is the text of the condition that a matrix is singular. `needed` are
+    the operations whose definitions the file needs, as keys. `declared` has the type, the name and the dimensions of
+    each local variable. `unused` are the arguments that the function does not read.
     """
 
     lines: list[str]
@@ -381,7 +383,7 @@ class PrintedFunction:
 
 
 class PrintedFunctions:
-    """Prints the functions of a module in a language, one for each quantity, and `prepare`.
+    """Prints the functions of a module in a language: one for each quantity, and `prepare`, which fills the array p.
 
     With `statuses` the functions also test the divisors in their formulas, and report a zero as a singular matrix.
     """

@@ -1,4 +1,4 @@
-"""Targets of `System.export`: the table of their names and aliases, and their base class.
+"""The languages to which `system.export` writes: their names, aliases and base class; register your own here.
 
 The module of a target, in the folder `languages`, is loaded at its first use.
 """
@@ -30,7 +30,7 @@ TARGETS: Mapping[str, str] = {
     "modelica": "lagrange.export.languages.modelica",
     "fmu": "lagrange.export.languages.fmu",
 }
-"""Module by the name of the target; it is loaded when the target is asked for."""
+"""Module of each target by the name of the target; a module is loaded at its first use."""
 
 ALIASES: Mapping[str, str] = {
     **dict.fromkeys(("c99", "ansi-c", "cpp", "c++", "cxx"), "c"),
@@ -42,11 +42,11 @@ ALIASES: Mapping[str, str] = {
     **dict.fromkeys(("matlab", "m"), "octave"),
     **dict.fromkeys(("fmi", "fmi2", "fmi3"), "fmu"),
 }
-"""Target by alias."""
+"""Name of a target by its alias."""
 
 
 def load(name: str) -> ModuleType:
-    """Return the module of a target, given by its name in `TARGETS`; most programs need none of them."""
+    """Import and return the module of the target `name`, a key of `TARGETS`."""
     return import_module(TARGETS[name])
 
 
@@ -56,17 +56,17 @@ QUANTITIES = (
 )
 """Contents that are functions of time and state."""
 
-SOLVED = ("rhs", "accelerations", "jacobian")  # The quantities that divide by entries of the matrix
+SOLVED = ("rhs", "accelerations", "jacobian")  # Quantities whose formulas divide by entries of the mass matrix
 
 
 class Target(ABC):
     """A language or a format to which models are exported.
 
-    - `name` is the name for users, `about` a line about the target.
+    - `name` is the name for users, and `about` a one-line description of the target.
     - `contents` are the kinds of content that a file may have besides functions such as "rhs" and "energy". "steps"
-      are functions for any number of explicit methods: for one step, or for a run if the method has error control.
-      "runs" is instead one function for a run, by one method with error control. "taylor" is an integrator by Taylor
-      series. "main" is a program or model that runs from the initial state.
+      allows integrators of any number of explicit methods: functions that take one step, or compute a run if the method
+      has error control. "runs" allows one integrator only, a run by a method with error control. "taylor" allows an
+      integrator by Taylor series. "main" allows a program or model that runs from the initial state.
     - `always` are names of functions and contents that every file has because its format needs them.
     - `inexpressible` are the operations, such as erf, for which the language has no function.
     - `shell` are the shell lines that build and run a program, with the fields {name} of the module's file and
@@ -118,12 +118,12 @@ def target_names() -> list[str]:
 
 
 def able_targets(able: Callable[[Target], bool]) -> str:
-    """Return the names of the targets for which `able` returns True, as text."""
+    """Return the names of the targets for which `able` returns True, as text for a message."""
     return listing(name for name in target_names() if able(target_of(name)))
 
 
 def register(target: type[Target]) -> type[Target]:
-    """Register a class as a target, so that `system.export` finds it in this process; use it as a decorator.
+    """Register a class as a target of `system.export` in this process; use this function as a decorator.
 
     Raises StatementError for an argument that is not a subclass of `Target`, and for a name that another class has.
     """
@@ -165,7 +165,7 @@ def find(name: str) -> Target:
 
 
 def missing_operation(target: Target, module: SourceModule) -> tuple[str, str] | None:
-    """Return (quantity, operation) of the first operation that the target cannot express, or None."""
+    """Return the first operation in `module` that the target cannot express, as (quantity, operation), or None."""
     operations = ((quantity.name, code.op) for quantity in module.quantities for code in quantity.program.instructions)
     return next((pair for pair in operations if pair[1] in target.inexpressible), None)
 

@@ -1,4 +1,4 @@
-"""Python modules for libraries that trace what a function does: functions without loops, a module, and its test.
+"""Write Python modules for libraries that trace functions, such as JAX and CasADi, and their tests.
 
 A library provides the spelling of every operation, and the text of two functions. `_factored(order, *lower)` returns
 the factors of a symmetric matrix, and whether it is singular. `_solved(factors, *right)` returns the solution of a
@@ -26,16 +26,18 @@ from lagrange.program.program import Program, ProgramBlock
 OPERATORS: Mapping[str, Operator] = {
     op: RAISING[op] for op in ("neg", "add", "sub", "mul", "div", "fma", "less", "less_equal", "equal")
 }
-"""Operations that Python's operators express, in every library."""
+"""Operations that are spelled with Python's operators, the same in every library."""
 
 LITERALS = replace(PYTHON_LITERALS, infinity='float("inf")', nan='float("nan")')
 
 SCRIPT = Script("traced", comment=marked("#"), literals=LITERALS)
 
 ELIMINATION = filled("traced", "elimination", pivot=PIVOT, preference=PREFERENCE, largest=sys.float_info.max)
-"""Text of an elimination with row exchanges, instead of loops, which a library cannot trace. It calls `_where`,
-`_both`, `_either`, `_most`, `_sqrt` and `_fixed`. The latter keeps a factor out of derivatives to which it does not
-contribute."""
+"""Text of Python functions that solve linear systems by elimination with row exchanges, in a form that can be traced.
+
+They call `_where`, `_both`, `_either`, `_most`, `_sqrt` and `_fixed` of a library. `_fixed` marks a value that does not
+contribute to derivatives.
+"""
 
 
 @dataclass(frozen=True)
@@ -43,13 +45,13 @@ class Library:
     """A library of array functions: its spellings, and the texts of its files.
 
     - `systems` is the text of the functions for linear systems.
-    - `results` are templates of a result that is a number, a vector or a matrix.
-    - `setting` is a line of a module.
+    - `results` are the templates of a result that is a number, a vector or a matrix.
+    - `setting` is a line at the top of a module.
 
-    The texts are templates: `head` are the first lines of a file. `functions` are a program's two functions: one with
-    its name, and one with the suffix _checked, which also returns whether a mass matrix is singular. `use` explains in
-    the docstring of a module how its functions are called; `alone` does so for a single function. `evaluated` is the
-    function `evaluated(function, times, states)`, with which the test calls a function.
+    The other texts are templates in the library's file. `head` is the beginning of a file. `functions` are the two
+    functions of a program: one with its name, and one with the suffix _checked, which also returns whether a mass
+    matrix is singular. `use` explains how the functions of a module are called, and `alone` explains this for a single
+    function. `evaluated` is the function with which the test calls others, `evaluated(function, times, states)`.
     """
 
     language: Language
@@ -58,11 +60,11 @@ class Library:
     setting: str = ""
 
     def text(self, name: str, /, **fields: object) -> str:
-        """Return the text of the template with this name of the library, with values for its fields."""
+        """Return the library's template `name` with its fields replaced by `fields`."""
         return filled(self.language.name.lower(), name, **fields)
 
     def text_before(self, *programs: Program) -> str:
-        """Return the text before the functions of the programs: imports and the helpers that the functions need."""
+        """Return the beginning of a file for these programs: imports, and the helper functions that they need."""
         used = dict.fromkeys(instruction.op for program in programs for instruction in program.instructions)
         systems = [self.systems.strip()] if "factor" in used else []
         return "\n\n\n".join([self.text("head"), *self.language.definitions(used), *systems])
@@ -122,14 +124,14 @@ class Library:
 
 
 class TracedTarget(Target):
-    """A target whose files are a Python module for a library, and its test."""
+    """Base class of targets that write a Python module for the library `library`, and a test of the module."""
 
     library: ClassVar[Library]
     contents = frozenset()
     shell = ("python {name}_{program}.py",)
 
     def file_name(self, module: SourceModule) -> str:
-        """Return the name of the module's file without its suffix: it ends in the name of the library."""
+        """Return the name of the module's file without .py: the name of the model and of the library."""
         return f"{module.name}_{self.name}"
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
@@ -140,7 +142,7 @@ class TracedTarget(Target):
 
 
 def language(name: str, operations: Mapping[str, Operator]) -> Language:
-    """Return the table of spellings of a library; `operations` are the spellings of its functions."""
+    """Return the spellings of the library `name`; `operations` are the spellings of its operations."""
     return Language(
         name=name,
         operations=operations,
@@ -152,7 +154,7 @@ def language(name: str, operations: Mapping[str, Operator]) -> Language:
 
 
 def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
-    """Return a list or a call as lines: `before`, such as "f(", the items, and `after`, such as ")".
+    """Return the lines of a Python list or call: `before`, such as "f(", the items, and `after`, such as ")".
 
     If one line would be too long, the items are on several indented lines.
     """
@@ -164,7 +166,7 @@ def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
 
 
 def described(program: Program) -> str:
-    """Return one line of a docstring that describes the results of a program."""
+    """Return one line of a docstring that lists the results and the arguments of a program."""
     inputs = ", ".join(map(block, program.inputs))
     shape = f" as {list(program.shape)}" if len(program.shape) > 1 else ""
     return f"[{', '.join(map(block, program.results))}]{shape}, of y = [{inputs}] and p[{program.parameters}]"

@@ -1,1 +1,1 @@
-"""The targets of `System.export`: one module for each language. The table is in `target.py`."""
+"""The languages and formats of `system.export`, one module for each. `lagrange/export/target.py` lists them."""

@@ -1,4 +1,4 @@
-"""C99: a header with its source file, the self-test and the run; and the printer of all languages with braces."""
+"""Export to C99: header, source file, self-test and run; also the printer that C and JavaScript share."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class BracedPrinter(SourcePrinter):
     """Prints one procedure in a language with braces; subclasses define declarations and calls.
 
     `index_type` is the type of a loop index. `functions` maps an operation to the name of a function of the language.
-    `helpers` maps another operation to the name and the definition of a function that the file must contain. `needed`
-    collects the operations whose definitions the file needs.
+    `helpers` maps each other operation to the name and the definition of a function that the file must contain.
+    `needed` collects the operations whose definitions the file needs. `taken` are names that variables may not have.
     """
 
     language: ClassVar[str]
@@ -64,11 +64,11 @@ class BracedPrinter(SourcePrinter):
         super().__init__(procedure, (*taken, *(name for name, _ in self.helpers.values())))
 
     def legal(self, stem: str) -> str:
-        """Return the name `stem` as a legal name of the language; another variable may already have it."""
+        """Return a legal name of the language for `stem`; another variable may already have this name."""
         return ascii_name(stem)
 
     def function_of(self, op: str) -> str:
-        """Return the name of the function for an operation; record that the file needs it, if it is a helper."""
+        """Return the name of the function for the operation `op`; if it is a helper function, add `op` to `needed`."""
         if op in self.functions:
             return self.functions[op]
         if op not in self.helpers:
@@ -114,7 +114,7 @@ class BracedPrinter(SourcePrinter):
         return "break;"
 
     def partial(self, ref: int, index: str) -> str:
-        """Return the text of one of the four partial sums of a reduction, a sum over a loop with the id `ref`.
+        """Return the text of one of the four partial sums of the sum number `ref`, which a loop computes.
 
         `index` is the text of the index of the partial sum, 0 to 3.
         """
@@ -136,7 +136,7 @@ OPERATORS: Mapping[str, Operator] = {
     "real": Operator(8, "(double){0}", (9,)),
     "whole": Operator(8, "(int64_t){0}", (9,)),
 }
-"""Operators with precedences; || and && get extra parentheses, since compilers warn without them."""
+"""Operators with precedences. Operands of || and && have extra parentheses, because compilers warn without them."""
 
 LITERALS = Literals("HUGE_VAL", 'nan("")', ("0", "1"))
 
@@ -149,8 +149,10 @@ FUNCTIONS: Mapping[str, str] = {
 """Functions of the C library."""
 
 HELPERS = named_helpers("c")
-"""Helper functions for operations that C lacks: name and definition by operation. All of them return NaN for NaN. Those
-that read bits assume IEEE 754 doubles. Magnitudes compare as their bits do, with NaN as the largest."""
+"""Helper functions for operations that C lacks: name and definition by operation. All return NaN for NaN.
+
+Functions that read bits assume IEEE 754 doubles. Absolute values are compared by their bits; NaN is the largest.
+"""
 
 _CONSTANTS = "E LOG2E LOG10E LN2 LN10 PI PI_2 PI_4 1_PI 2_PI 2_SQRTPI SQRT2 SQRT1_2"
 _KINDS = ("", "f", "l", "f32", "f64", "f128", "f32x", "f64x")
@@ -165,7 +167,7 @@ RESERVED = (
     *words("c", "macros"),
     *words("c", "reserved"),
 )
-"""Words that must not be names of values: keywords, macros, and names of function parameters."""
+"""Words that cannot be names of values: keywords, macros, and names of function parameters."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +194,7 @@ class CNames:
         return f"{self.prefix}{record.name.lower()}"
 
     def type_of(self, kind: Type, name: str, *, qualified: bool = True) -> str:
-        """Return the declaration of the parameter `name` of a type; with `qualified` a pointer is "restrict"."""
+        """Return the C declaration of the parameter `name` of type `kind`; pointers are "restrict" if `qualified`."""
         if isinstance(kind, Kind):
             return f"{KINDS[kind]} {name}"
         restrict = "restrict " if qualified else ""
@@ -210,9 +212,9 @@ class CNames:
     def signature(
         self, procedure: Procedure, names: Sequence[str], *, qualified: bool = True, before: str = ""
     ) -> list[str]:
-        """Return the lines of the head of a function: `before`, its type, its name and its parameters called `names`.
+        """Return the lines of the head of a function: the text `before`, its type, its name and its parameters.
 
-        Pointers are "restrict" if `qualified`.
+        `names` are the names of the parameters. Pointers are "restrict" if `qualified`.
         """
         declarations = [
             self.type_of(parameter.type, name, qualified=qualified)
@@ -244,7 +246,7 @@ def comment(text: str) -> list[str]:
 def function(procedure: Procedure, c_names: CNames, *, hidden: bool = False) -> str:
     """Return the text of a procedure as a C function, which is local to its file if `hidden`.
 
-    The operations whose definitions it needs are recorded in `c_names`.
+    The operations whose definitions the function needs are added to `c_names.needed`.
     """
     return _CPrinter(procedure, c_names, hidden=hidden).function()
 

@@ -1,4 +1,4 @@
-"""Print a program for CasADi: a function that returns a `casadi.Function` of SX or MX symbols."""
+"""Export to CasADi: functions that return a `casadi.Function` of SX or MX symbols."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""FMUs of FMI 2.0 and FMI 3.0: the C sources, their description, and a library for this platform."""
+"""Export to FMUs of FMI 2.0 and FMI 3.0: C sources, model description, and a compiled library for this platform."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from lagrange.export.target import Target, register
 
 STATE, DERIVATIVE, PARAMETER, INPUT = "state", "derivative", "parameter", "input"
 RESULT, INDICATOR = "result", "indicator"
-"""Kinds of variables: a result of a quantity, and an event indicator."""
+"""Further kinds of variables: a result of a quantity, and an event indicator."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class ScalarVariable:
 def places(module: SourceModule) -> dict[str, int]:
     """Return the reference number of the first result of each quantity, by the name of the quantity.
 
-    The results follow the state and the parameters, in the order of the quantities.
+    Reference numbers of results follow those of the state and the parameters.
     """
     sizes = [len(quantity.results) for quantity in module.quantities]
     first = 1 + len(module.state) + len(module.parameters)
@@ -58,7 +58,7 @@ def places(module: SourceModule) -> dict[str, int]:
 
 
 def variables(module: SourceModule) -> list[ScalarVariable]:
-    """Return the variables in the order of their reference numbers: state, parameters, derivatives, other results.
+    """Return the variables of an FMU in the order of reference numbers: state, parameters, derivatives, other results.
 
     Names are those of the statement; a name that is taken gets a number as suffix.
     """
@@ -73,9 +73,9 @@ def variables(module: SourceModule) -> list[ScalarVariable]:
 
 
 def _variables(module: SourceModule) -> Iterator[ScalarVariable]:
-    """Yield the variables of an FMU in the order of their reference numbers; several may have the same name.
+    """Yield the variables of an FMU in the order of their reference numbers. Names may occur several times.
 
-    The results of `rhs` are the derivatives of the state.
+    The results of the quantity "rhs" are the derivatives of the state.
     """
     run, _ = run_of(module)
     half = len(module.state) // 2
@@ -113,7 +113,8 @@ CAUSALITY = {
     INPUT: ("input", "continuous", None),
     **dict.fromkeys((DERIVATIVE, RESULT, INDICATOR), ("local", "continuous", "calculated")),
 }
-"""Causality, variability and initial of each kind of variable. Parameters may be changed between steps."""
+"""The attributes causality, variability and initial in FMI for each kind of variable. Parameters may change between
+steps."""
 
 
 def number(value: float) -> str:
@@ -131,7 +132,7 @@ def element(name: str, attributes: Mapping[str, object], inside: Iterable[str] =
 
 
 def elements(name: str, rows: Iterable[Mapping[str, object]]) -> list[str]:
-    """Return the lines of several XML elements of the same name, from the attributes of each."""
+    """Return the lines of several XML elements with the same name; `rows` has the attributes of each element."""
     return [line for attributes in rows for line in element(name, attributes)]
 
 
@@ -151,9 +152,9 @@ def _description(
 ) -> str:
     """Return the text of modelDescription.xml for a version of FMI.
 
-    `token` is the name and the value of the attribute that identifies the model, and `events` the number of event
-    indicators. `interfaces` are the lines of the elements for model exchange and co-simulation. `parts` are those of
-    the variables and of the structure.
+    `token` is the name and the value of the attribute that identifies the model. `events` is the number of event
+    indicators, None to leave it out. `interfaces` are the lines of the elements for model exchange and co-simulation.
+    `parts` are the lines of the elements for variables and model structure.
     """
     run, _ = run_of(module)
     units = sorted({*(variable.unit for variable in _variables(module)), module.units.get("t", "")} - {""})
@@ -197,9 +198,9 @@ def _attributes(variable: ScalarVariable) -> dict[str, object]:
 
 
 def _real(variable: ScalarVariable, of: int) -> dict[str, object]:
-    """Return the XML attributes of a real variable: its unit, its initial value, and the number of its state.
+    """Return the XML attributes of a real variable: its unit, its initial value, and for a derivative its state.
 
-    `of` is the number of the state whose time derivative the variable is; it is used for derivatives only.
+    `of` is the number of the state whose time derivative the variable is; it is ignored for other variables.
     """
     start = None if variable.start is None else number(variable.start)
     return {"unit": variable.unit, "start": start, "derivative": of if variable.kind == DERIVATIVE else None}
@@ -208,9 +209,9 @@ def _real(variable: ScalarVariable, of: int) -> dict[str, object]:
 def _interfaces(module: SourceModule, state: str, derivatives: str, sources: Sequence[str] = ()) -> list[str]:
     """Return the lines of the XML elements for model exchange and co-simulation.
 
-    `state` and `derivatives` are the spellings of two attributes, which differ between versions. `sources` are lines
-    inside of both elements. Directional derivatives need a Jacobian. The exported one has derivatives by the state
-    alone, so an FMU with inputs has no directional derivatives.
+    `state` and `derivatives` are the spellings of two attributes, which differ between versions of FMI. `sources` are
+    lines inside of both elements. Directional derivatives need a Jacobian. The exported Jacobian has derivatives with
+    respect to the state only, so an FMU with inputs has no directional derivatives.
     """
     can = {
         "modelIdentifier": module.name,
@@ -313,7 +314,7 @@ def model_header(module: SourceModule, token: str, version: int) -> str:
 
 
 DATE = (1980, 1, 1, 0, 0, 0)
-"""Date of every file in the archive. It is constant, so that one statement always gives the same bytes."""
+"""Date of every file in the archive. It is constant, so that the same model always gives the same bytes."""
 
 COMPILER = ("cc", "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-s")
 """Compiler command for the library, which exports only the functions of FMI."""
@@ -323,7 +324,7 @@ ARCHITECTURES = {"x86_64": "x86_64", "AMD64": "x86_64", "arm64": "aarch64", "aar
 
 @register
 class Fmu(Target):
-    """Target `fmu`: an FMU of FMI 2.0 and one of FMI 3.0. Each has a right-hand side, and a run for co-simulation."""
+    """Target `fmu`: one FMU of FMI 2.0 and one of FMI 3.0, each for model exchange and for co-simulation."""
 
     name = "fmu"
     about = "FMUs of FMI 2.0 and 3.0: model exchange and co-simulation, C sources inside, a library for this platform"
@@ -342,7 +343,10 @@ class Fmu(Target):
 
 
 def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
-    """Return the files in an FMU of FMI `major`, with a compiled library if there is a compiler."""
+    """Return the files in an FMU by name, for version `major` of FMI, 2 or 3.
+
+    They include a compiled library if a C compiler is installed.
+    """
     inside = resources("lagrange.export").joinpath("fmu")
     sources = {
         f"{module.name}.h": header(module),
@@ -368,7 +372,7 @@ def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
 
 
 def binary_path(name: str, major: int) -> str | None:
-    """Return the path in an FMU of this platform's library, or None if FMI `major` has no name for the platform."""
+    """Return the path of this platform's library in an FMU; None if version `major` of FMI has no name for it."""
     architecture = ARCHITECTURES.get(platform.machine())
     system = {"linux": "linux", "darwin": "darwin"}.get(sys.platform)
     if architecture is None or system is None:
@@ -393,7 +397,7 @@ def library(name: str, sources: Mapping[str, str]) -> bytes:
 
 
 def archive(files: Mapping[str, str | bytes]) -> bytes:
-    """Return a zip archive of files; the same files give the same bytes."""
+    """Return a zip archive of `files`, contents by name, as bytes; the same files always give the same bytes."""
     data = BytesIO()
     with zipfile.ZipFile(data, "w") as packed:
         for name, text in files.items():

@@ -1,4 +1,4 @@
-"""Fortran 2008: one source file with a module of subroutines, and its test."""
+"""Export to Fortran 2008: one source file with a module of subroutines, and a test."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ OPERATIONS: Mapping[str, Operator] = {
     "max": call("larger({0}, {1})"),
     "sign": call("sign_of({0})"),
 }
-"""Templates and precedences of operations. A signed number binds like a sum, since no sign may follow an operator.
-Reals are compared by a function, since compilers warn of ==."""
+"""Templates and precedences of operations. A signed number has the precedence of a sum, because a sign must not follow
+an operator. A function compares reals, because compilers warn of ==."""
 
 
 def _finite(value: float) -> str:
@@ -60,7 +60,7 @@ CONSTANTS: Mapping[str, str] = {
     "infinity": "transfer(9218868437227405312_int64, 1.0_dp)",
     "not_a_number": "transfer(9221120237041090560_int64, 1.0_dp)",
 }
-"""Constants of values without a literal."""
+"""Definitions of constants for the values that have no literal in Fortran."""
 
 RESERVED = (*words("fortran", "reserved"), *ELEMENTARY, *CONSTANTS, *QUANTITIES)
 """Words that cannot be names of values: keywords, functions, and names of parameters of procedures."""
@@ -68,7 +68,8 @@ RESERVED = (*words("fortran", "reserved"), *ELEMENTARY, *CONSTANTS, *QUANTITIES)
 LONGEST_LINE = 132  # Largest length of a line of Fortran
 
 LARGE = 4096
-"""Size from which on local arrays need care: a compiler might keep them where two threads share them."""
+"""Total size of local arrays, in numbers, from which a subroutine is marked recursive. Otherwise a compiler might store
+the arrays in memory that threads share."""
 
 LANGUAGE = Language(
     name="Fortran",
@@ -152,7 +153,7 @@ def source(module: SourceModule) -> str:
 
 
 def _subroutine(name: str, arguments: str, about: str, function: PrintedFunction) -> Iterator[str]:
-    """Yield the lines of a subroutine with these `arguments`, whose last one is the array that it computes.
+    """Yield the lines of a subroutine. `arguments` are the names of its arguments; the last one is the computed array.
 
     A further argument, `singular`, receives True if a matrix is singular. `about` is the comment on the subroutine.
     """

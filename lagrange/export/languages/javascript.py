@@ -1,4 +1,4 @@
-"""JavaScript: an ES module for browsers and node."""
+"""Export to JavaScript: an ES module for browsers and node, its test, and the run. Web pages use it, too."""
 
 from __future__ import annotations
 
@@ -61,14 +61,14 @@ RESERVED = tuple(words("javascript", "reserved"))
 """Words that cannot be names of values: keywords, names that the file uses, and parameters of functions."""
 
 Shifted = Mapping[Procedure, frozenset[int]]
-"""Indices of the array parameters of each procedure for which the caller passes an offset, too."""
+"""Indices of the array parameters of each procedure for which the caller also passes an offset into the array."""
 
 
 def shifted_parameters(procedures: Sequence[Procedure], always: Shifted) -> Shifted:
-    """Return for each procedure the indices of the array parameters to which its callers add an offset.
+    """Return for each procedure the indices of the array parameters for which callers also pass an offset.
 
-    A parameter needs an offset if some call passes a subarray, or if `always` lists it. `procedures` are ordered,
-    callees before their callers.
+    A parameter needs an offset if some call passes a subarray, or if it is in `always`. `procedures` has callees before
+    their callers.
     """
     shifted = {procedure: always.get(procedure, frozenset[int]()) for procedure in procedures}
     for caller in reversed(procedures):
@@ -89,9 +89,9 @@ def _parts(block: Block) -> Iterator[Part]:
 
 
 class Place(NamedTuple):
-    """A place in an array: its offset is the sum of the variables `names` and of `number`.
+    """Begin of a subarray: its offset in the whole array is the sum of the variables `names` and of `number`.
 
-    `array` is the index by which the procedure refers to the whole array.
+    `array` is the number of the whole array in the procedure.
     """
 
     array: int
@@ -186,7 +186,7 @@ class _JavaScriptPrinter(BracedPrinter):
             self.put(f"{name}.{name_of_field} = 0;")
 
     def memory_name(self, ref: int) -> str:
-        """Return a name for the local array or record `ref` of the procedure that nothing else in the file has."""
+        """Return a name for the local array or record number `ref`, which differs from all other names in the file."""
         stem = self.procedure.names.get(ref, f"x{ref}")
         name = self.name(ref, f"{self.procedure.name}_{stem}")
         while name in self.file.memory or name in self.file.functions:
@@ -236,7 +236,7 @@ class _JavaScriptPrinter(BracedPrinter):
         self.places[part.ref] = whole._replace(names=(*whole.names, self.text(part.ref)))
 
     def place_of(self, array: int) -> Place:
-        """Return the whole array of a subarray and its offset there; a whole array is returned with the offset 0."""
+        """Return the whole array of a subarray, and its offset in the whole array; 0 for a whole array."""
         return self.places.get(array, Place(array))
 
 
@@ -273,8 +273,8 @@ class JavaScript(Target):
 def source(module: SourceModule) -> str:
     """Return the text of the JavaScript module.
 
-    Functions that are called once a run check the lengths of arrays. The functions of quantities do not check them,
-    which would take 3% of their time.
+    Functions that are called once per run check the lengths of arrays. The functions of quantities do not, because the
+    checks would take 3% of their time.
     """
     quantities = [quantity.procedure for quantity in module.quantities]
     # Users may pass an offset for y and out of each quantity.

@@ -1,4 +1,4 @@
-"""Print a program for JAX: a function that `jax.jit`, `jax.grad` and `jax.vmap` take, in double precision."""
+"""Export to JAX: functions in double precision for `jax.jit`, `jax.grad` and `jax.vmap`."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from lagrange.procedure.spelling import Operator, call
 from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 LARGEST_TRACED = 4
-"""Largest order of a matrix that is eliminated entry by entry; a larger one goes to LAPACK. In a batch, order 2 takes
-30 ns instead of 290, order 4 200 instead of 520. Order 6 takes as long either way, and five times as long to
-compile."""
+"""Largest order of a matrix that is eliminated by written-out formulas; LAPACK solves larger systems. In a batch,
+formulas take 30 ns instead of 290 for order 2, and 200 ns instead of 520 for order 4. For order 6 they take as long as
+LAPACK, and five times as long to compile."""
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,

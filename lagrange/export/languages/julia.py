@@ -1,4 +1,4 @@
-"""Julia: a module of functions, whose names end with ! because they write to their arguments, and its test."""
+"""Export to Julia: a module of functions, whose names end with ! because they write to their arguments, and a test."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def source(module: SourceModule) -> str:
 def _function(head: str, about: str, function: PrintedFunction, least: Mapping[str, int]) -> Iterator[str]:
     """Yield the lines of a Julia function with the name and arguments `head` and the description `about`.
 
-    The function first checks that each array has at least the length that `least` has for its name.
+    `least` has the least length of each array argument by name, which the function checks.
     """
     yield from ('"""', f"    {head}", "")
     yield from (line.replace('"', "'").replace("$", "") for line in wrapped(about, TEXT_WIDTH))

@@ -1,4 +1,4 @@
-"""Modelica: one package with functions and a model of the motion, and a package that tests the functions."""
+"""Export to Modelica: one package with functions and a model of the motion, and a package that tests the functions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 _BUILT_IN = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "sinh", "cosh", "tanh", "abs")
 EXTERNAL = tuple(op for op in ELEMENTARY if op not in _BUILT_IN)
-"""Elementary functions that the language lacks, and calls from the C library."""
+"""Elementary functions that Modelica lacks; the exported package calls those of the C library."""
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
@@ -30,7 +30,7 @@ OPERATIONS: Mapping[str, Operator] = {
     "max": call("larger({0}, {1})"),
     "sign": call("sign_of({0})"),
 }
-"""Operations with precedences; a sign applies to the whole sum after it."""
+"""Templates and precedences of operations. A sign has the precedence of a sum."""
 
 LITERALS = Literals("exp(1000.0)", "sqrt(-1.0)", signed=OPERATIONS["neg"].binds)
 """Literals; infinity and NaN are expressions, since Modelica has no literals for them."""
@@ -53,7 +53,7 @@ HELPERS: Mapping[str, str] = {
 """Functions that the package defines. All return NaN for NaN."""
 
 RESERVED = tuple(words("modelica", "reserved"))
-"""Words that are not names of variables: keywords, functions of the language, and names of the package."""
+"""Words that cannot be names of variables: keywords, functions of the language, and names in the package."""
 
 _OWN = "t y out parameters prepare factored solved smaller larger sign_of fill integer"
 
@@ -88,8 +88,7 @@ FINITE = """\
     assert(abs(out[k]) <= 1.7976931348623157e+308, "a matrix is singular to round-off, or a result is not finite");
   end for;
 """
-"""Assertion after divisions by inertias. If an inertia is zero, results are not finite, and a simulation could not go
-on."""
+"""Assertion that results are finite, for functions that divide by inertias. With a zero inertia a simulation stops."""
 
 MODELICA_WIDTH = 100
 
@@ -142,8 +141,8 @@ def _function(
 ) -> Iterator[str]:
     """Yield the lines of a Modelica function.
 
-    `arguments` has the length of each argument by name, 0 for a number; `result` is the array that the function
-    returns. `finite` are lines at its end which assert that all results are finite; it may be empty.
+    `arguments` has the length of each argument by name, 0 for a number. `result` is the declaration of the returned
+    array, such as "out[4]". `finite` are lines which assert that all results are finite; it may be empty.
     """
     yield f"function {name}"
     yield from (

@@ -1,6 +1,6 @@
-"""MATLAB and Octave: a file for each function that users call, and one for the test.
+"""Export to MATLAB and Octave: a file for each function that users call, and a file for the test.
 
-Arrays are passed by value: a function returns the arrays that it computes.
+These languages pass arrays by value, so a function returns the arrays that it computes.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ OPERATIONS: Mapping[str, Operator] = {
     "not": OPERATORS["not"]._replace(text="~{0}"),
     "select": call("pick({0}, {1}, {2})"),
 }
-"""Templates of operations. A function of the language is used where its values are real for real numbers."""
+"""Templates of operations. Functions of the language that are complex for some real numbers are replaced by helpers."""
 
 RESERVED = (*words("octave", "reserved"), *ELEMENTARY, *(f"{op}_of" for op in HELPERS))
 """Words that cannot be names of values: keywords, functions, and parameters and results of functions."""

@@ -1,4 +1,4 @@
-"""Python with NumPy only: a module, its self-test, and the run of the initial state."""
+"""Export to Python with NumPy only: a module, its self-test, and the run of the initial state."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ HELPERS: Mapping[str, str] = {
     "exponent": _TEXTS["exponent"],
     "mantissa": "def _mantissa(x):\n    return 2.0 * math.frexp(abs(x))[0]",
 }
-"""Functions that the file defines: they return NaN or infinity, as machine code does, where Python raises an error."""
+"""Helper functions that the file defines. They return NaN or infinity where functions of Python raise an error."""
 
 NEEDS: Mapping[str, tuple[str, ...]] = {
     **{name: ("total",) for name, text in HELPERS.items() if " _total(" in text},
@@ -63,12 +63,12 @@ _RESERVED = "abs float int range math np numpy sys nan inf SimpleNamespace test 
 RESERVED = (*keyword.kwlist, *_RESERVED.split())  # Words that must not be names of values
 
 FILES = (*keyword.kwlist, *sys.stdlib_module_names, "numpy")
-"""Words that must not be the module's name: keywords, and modules that NumPy imports, which it would find in its
-place."""
+"""Words that must not be the name of the file: keywords, and modules that NumPy imports, since NumPy would import the
+exported file instead."""
 
 
 def helper_lines(ops: Mapping[str, None]) -> list[str]:
-    """Return the definitions of the helper functions that the operations `ops` need, and of those that these call."""
+    """Return the definitions of the helper functions that the operations `ops` need, and of helpers that they call."""
     needed = {op for op in ops if op not in OPERATORS}
     needed |= {need for op in needed for need in NEEDS.get(op, ())}
     return [line for op, text in HELPERS.items() if op in needed for line in (*text.splitlines(), "", "")]
@@ -93,7 +93,7 @@ class Python(Target):
 
 
 class _ExportPrinter(Printer):
-    """Prints one procedure as a Python function whose name begins with an underscore; its arrays are memory views.
+    """Prints one procedure as a Python function on memory views of arrays; its name begins with an underscore.
 
     `needed` collects the operations whose definitions the file needs.
     """

@@ -1,4 +1,4 @@
-"""Rust, edition 2021: one file, a module or a crate, and its test."""
+"""Export to Rust, edition 2021: one file, which is a module or a crate, and a test."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def source(module: SourceModule) -> str:
 def _function(head: str, about: str, function: PrintedFunction, slices: str) -> Iterator[str]:
     """Yield the lines of a Rust function with the first line `head`; `about` is its comment.
 
-    `slices` are lines that check the lengths of its arrays before all others.
+    `slices` is the first line of its body, which checks the lengths of the arrays.
     """
     yield from commented(about, "///")
     yield head
