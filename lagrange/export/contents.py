@@ -218,8 +218,8 @@ def module_of(
 ) -> SourceModule:
     """Return the data of an export that all languages share: the contents `requested`, and their tests.
 
-    `events` are the events to export as a quantity. `parameters` replace default values. Raises StatementError for
-    missing values, and if no states with values are found for the tests.
+    `events` are exported, too. `parameters` replace default values. Raises StatementError for missing values, and if no
+    state with values is found for a test.
     """
     statement = model.statement
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
