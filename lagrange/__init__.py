@@ -24,7 +24,7 @@ __version__ = "0.1.0"
 
 
 def _view(entries: dict[object, object]) -> MappingProxyType[object, object]:
-    """Return a read-only view of a dict. Records have such views; pickle finds this function by its name."""
+    """Return a read-only view of a dict. Pickle finds this function by its name and calls it to restore views."""
     return MappingProxyType(entries)
 
 

@@ -1,6 +1,6 @@
-"""The command line as a program: `python -m lagrange`, and the script `lagrange`.
+"""Start the command line: `python -m lagrange`, and the script `lagrange`. Commands are in `lagrange/cli`.
 
-Before the signal handlers are installed, only the modules that they need are imported.
+Before the signal handlers are installed, only the modules that these handlers need are imported.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ except KeyboardInterrupt:
 
 
 def main() -> int:
-    """Run the command line and return its exit code, or 128 + the number of a signal.
+    """Run the command line and return its exit code, or 128 + the number of the signal that ended it.
 
-    After a signal every exception counts as the interruption, because libraries may have replaced KeyboardInterrupt by
-    another exception.
+    After a signal every exception counts as an interruption, because libraries may replace KeyboardInterrupt by another
+    exception.
     """
     interruption, code = Interruption(), 0
     try:

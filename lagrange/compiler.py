@@ -45,12 +45,15 @@ from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.solution import Solution
 
 MACHINES = {"llvm": "lagrange.machine.llvm_machine:LlvmMachine", "numpy": "lagrange.machine.numpy_machine:NumpyMachine"}
-"""Every target by name, with the "module:class" of its machine, imported at first use: numpy runs without llvmlite."""
+"""Each target by name, with the "module:class" that compiles for it, imported at first use: numpy needs no llvmlite."""
 
 
 @dataclass(frozen=True)
 class Stages:
-    """Stages after the equations, each run when a model first needs it: the `KernelProvider` of a model."""
+    """Compiles the functions of a model when they are first needed, from its `equations` and for its `machine`.
+
+    This is the `KernelProvider` of a model.
+    """
 
     equations: Equations
     machine: Machine
@@ -65,7 +68,7 @@ class Stages:
         return InterpretedKernel(program_of(name, self.equations))
 
     def function(self, name: str, nodes: Sequence[Node]) -> Kernel:
-        """Return an interpreted kernel, called `name` in errors, that evaluates nodes of the equations' graph."""
+        """Return an interpreted kernel that evaluates nodes of the equations' graph. Error messages call it `name`."""
         return InterpretedKernel(lower_nodes(name, nodes, self.equations))
 
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
@@ -76,14 +79,14 @@ class Stages:
 
     @property
     def rebuild(self) -> Callable[..., Model]:
-        """Function that compiles a statement for the same machine. It can be pickled, without these equations."""
+        """Function that compiles a statement for the same target. It can be pickled; its pickle has no equations."""
         return partial(_on_machine, self.machine.name)
 
 
 def reached(statement: Statement, equations: Equations, states: FloatArray, parameters: FloatArray) -> list[FloatArray]:
-    """Return the states (2n, k) moved to the nearest states on the constraints, as a list.
+    """Return the nearest states on the constraints, a list of arrays (2n,), for the columns of `states` (2n, k).
 
-    States whose projection fails are left out.
+    `parameters` are the values of the parameters. States whose projection fails are left out.
     """
     projection = Projection(Model(statement, equations, Stages(equations, machine("numpy"))), 0.0, parameters)
     projected = (projection.reached(state) for state in states.T)
@@ -91,9 +94,9 @@ def reached(statement: Statement, equations: Equations, states: FloatArray, para
 
 
 def _on_machine(target: str, statement: Statement, kept: Sequence[int] | None = None) -> Model:
-    """Return the model of a pickled statement on its machine, or on numpy where that machine is not installed.
+    """Return the model of a pickled statement for its target, or for numpy if that target is not installed.
 
-    `kept` has the indices of independent constraints, or is None if they are not known.
+    `kept` has the indices of independent constraints, or is None if these indices are not known.
     """
     try:
         on = machine(target)
@@ -103,10 +106,11 @@ def _on_machine(target: str, statement: Statement, kept: Sequence[int] | None = 
 
 
 def model_of(statement: Statement, on: Machine, equations: Equations | None = None) -> Model:
-    """Return a model on the machine `on`, whose kernels are compiled at first use.
+    """Return the model of a statement on the machine `on`; its kernels are compiled at first use.
 
-    Given functions of time without values become inputs. `equations` are the equations of the statement; with inputs
-    they are derived again. Raises StatementError for undefined functions of coordinates.
+    Functions of time without a formula or values become inputs. `equations` are the equations of the statement, None if
+    they are not derived yet; with inputs they are derived again. Raises StatementError for undefined functions of
+    coordinates.
     """
     statement.require_formulas()
     statement = with_solved_multipliers(with_inputs(statement) if statement.given else statement)
@@ -117,10 +121,10 @@ def model_of(statement: Statement, on: Machine, equations: Equations | None = No
 
 
 def compile_model(statement: Statement, equations: Equations, target: str = "llvm", *, check: bool = True) -> Model:
-    """Compile the right-hand side for a target, and check it at a point if `check` is true.
+    """Return a model whose right-hand side is compiled for a target, and checked if `check` is true.
 
-    Other kernels of the model (energy, Jacobian, a batch of states) are compiled when they are first used.
-    Raises StatementError for an unknown target, RunError if the check fails.
+    Other kernels of the model, such as energy and Jacobian, are compiled when they are first used. Raises
+    StatementError for an unknown target, RunError if the check fails.
     """
     with announced("compiling", statement.name, enabled=True):
         model = model_of(statement, machine(target), equations)
@@ -135,9 +139,9 @@ def compile_model(statement: Statement, equations: Equations, target: str = "llv
 
 
 def machine(target: str) -> Machine:
-    """Return the machine of a target.
+    """Return the machine, the back end that compiles and runs programs, of a target such as "llvm".
 
-    Raises StatementError for an unknown target, and MissingTargetError for one that is not installed.
+    Raises StatementError for an unknown target, and MissingTargetError for a target that is not installed.
     """
     one_of(target, MACHINES, "there is no target {given}; the targets are {known}.")
     try:
@@ -152,9 +156,9 @@ def machine(target: str) -> Machine:
 
 
 def load(path: str | PathLike[str]) -> Solution:
-    """Return the run that `solution.to_npz` wrote, with its system: a Solution.
+    """Return the run in a file that `solution.to_npz` wrote, with its system: a Solution.
 
-    Between its outputs it has only the states that the file stores for animations. The file holds numbers and a scene,
-    and no code in it is run. Raises StatementError for a file that cannot be read, or that is not from `to_npz`.
+    Between its outputs the run has only the states that the file stores for animations. The file has numbers and a
+    scene; no code in it is executed. Raises StatementError for a file that cannot be read, or is not from `to_npz`.
     """
     return loaded_run(path, lambda statement, target: model_of(statement, machine(target)))

@@ -1,4 +1,4 @@
-"""The exceptions of the package, named after their cause, and words for messages: lists, types, close names."""
+"""The exceptions that this package raises, and helpers for messages: short values, lists of names, suggestions."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from difflib import get_close_matches
 from typing import Any
 
 MOST_DIGITS = 60
-"""Longest whole number, in digits, that a message shows; of a longer number it gives the number of digits."""
+"""Longest whole number, in digits, that a message shows. For a longer number it gives the number of digits."""
 
 LONGEST_NAME = 80
 """Longest part of a text, in characters, that is compared with known names for a suggestion."""
 
 LONGEST_SENTENCE, END_OF_SENTENCE = 400, 150
-"""Longest message, and the part kept at its end, in characters. The end says what to do; the middle is cut."""
+"""Longest message, and length of its end that is always kept, in characters. The end says what to do."""
 
 MOST_PARTS, MOST_LEVELS = 400, 30
-"""Largest expression that a message quotes: its parts, and levels of nesting. SymPy prints larger ones in minutes, or
-not at all."""
+"""Largest number of parts and of nesting levels in an expression that a message quotes. SymPy prints larger expressions
+in minutes, or not at all."""
 
 
 class LagrangeError(Exception):
@@ -38,7 +38,7 @@ class StatementError(LagrangeError, ValueError):
 
 @contextmanager
 def located(*path: str | int) -> Iterator[None]:
-    """Context in which the place of a StatementError is put under the argument, or the entry of one, at `path`."""
+    """Return a context manager that puts `path`, an argument or its entry, before the place of a StatementError."""
     try:
         yield
     except StatementError as error:
@@ -49,7 +49,7 @@ def located(*path: str | int) -> Iterator[None]:
 class UnknownKey(StatementError, KeyError, IndexError):
     """A key that is missing from a mapping, or an index outside of a vector.
 
-    It is also a KeyError, so that `get` and `in` of mappings work, and an IndexError, which ends a loop over a vector.
+    Because it is a KeyError, `get` and `in` of mappings work; because it is an IndexError, a loop over a vector ends.
     """
 
     __str__ = Exception.__str__  # KeyError.__str__ would add quotation marks
@@ -101,7 +101,7 @@ def with_type(value: Any, most: int = 80) -> str:
 
 
 def shortened(text: str, most: int = 160) -> str:
-    """Return a text, such as a path; of more than `most` characters the middle is left out."""
+    """Return a text, such as a path; the middle of a text with more than `most` characters is left out."""
     return text if len(text) <= most else f"{text[: most // 2 - 3]}...{text[-(most // 2) :]}"
 
 
@@ -157,7 +157,7 @@ FAULT = "This is a fault of lagrange, please report it with this message."
 
 
 def listing(names: Iterable[str], most: int | None = None) -> str:
-    """Return the names as ``a, b and c``; of more than `most` names the first `most` and the number of the others."""
+    """Return names as ``a, b and c``; for more than `most` names, the first `most` and the number of the others."""
     words = list(names)
     if most is not None and len(words) > most + 1:
         words = [*words[:most], f"{len(words) - most} others"]
@@ -167,7 +167,7 @@ def listing(names: Iterable[str], most: int | None = None) -> str:
 
 
 def abridged(names: Iterable[str], most: int = 8) -> str:
-    """Return the names as ``a, b, c``; of more than `most` names the first `most` and the number of the others."""
+    """Return names as ``a, b, c``; for more than `most` names, the first `most` and the number of the others."""
     words = list(names)
     left = len(words) - most
     return ", ".join(words) if left <= 1 else f"{', '.join(words[:most])} and {left} others"

@@ -1,4 +1,4 @@
-"""The public class of a mechanical system; systems of the library and runs from files."""
+"""`lagrange.System`, with a method for each thing that a user can do with a system, and the library's `scene`."""
 
 from __future__ import annotations
 
@@ -77,13 +77,13 @@ class System:
 
         Give `kinetic` and `potential`, or `lagrangian`. `coordinates` are by default all in the expressions, in order
         of declaration. `forces` maps coordinates to generalized forces. `dissipation` is Rayleigh's D, with force
-        -dD/dv. `constraints`, a list or a dict by name, are expressions that stay zero, or Eq; those without velocities
-        are holonomic. With `redundant="allow"` some may follow from others and share forces. `parameters` maps symbols
-        or names to default values, `initial` coordinates and velocities to numbers, 0 by default. `positions` maps
+        -dD/dv. `constraints`, a list or a dict by name, are expressions that stay zero, or Eq; without velocities they
+        are holonomic. `redundant="allow"` allows constraints that follow from others. `parameters` maps symbols or
+        names to default values, `initial` maps coordinates and velocities to numbers, 0 by default. `positions` maps
         names to points (x, y) or (x, y, z) and shapes. `links` are pairs of these names, or triples ("origin", "bob",
         "spring"). `surfaces` maps names to lines such as (2*along, 0), with `lagrange.along` from 0 to 1. `dimensions`
         maps symbols or names to dimensions or units, {m: "mass", l: "m"}; every term is then checked. `contacts` maps
-        names to `lagrange.contact(gap, ...)`. `simultaneous`, "newton" or "sequence", is the law of joint impacts.
+        names to `lagrange.contact(gap, ...)`. `simultaneous` is the rule for joint impacts, "newton" or "sequence".
         """
         with announced("reading", name):
             statement = declare(
@@ -162,8 +162,8 @@ class System:
     def derivation(self, detail: str = "full") -> ShownDerivation:
         """Return the textbook derivation, independent of the compiled equations; its attributes are SymPy expressions.
 
-        print() shows it as text, a notebook as formulas; `.text()`, `.unicode()`, `.latex()`, `.markdown()` and
-        `.html()` return it in that format. `detail` is "full", or "short" without steps; another is a StatementError.
+        print() shows text, a notebook shows formulas; `.text()`, `.unicode()`, `.latex()`, `.markdown()` and `.html()`
+        return the derivation in that format. `detail` is "full", or "short" without steps; others raise StatementError.
         """
         remarks = (*self.laws.structure.remarks(), *self.statement.remarks())
         return replace(self._derivation, remarks=remarks, detail=detail)
@@ -194,8 +194,8 @@ class System:
     def constraint_forces(self) -> dict[str, dict[Any, Any]]:
         """Forces of each constraint, {name: {coordinate: SymPy expression in lagrange.multiplier(name)}}.
 
-        These are generalized forces, G^T lambda: lambda dphi/dq of a constraint phi = 0 on positions, lambda dpsi/dv of
-        a constraint psi = 0 on velocities (Chetaev's rule where psi is not linear in them).
+        The generalized force is lambda dphi/dq for a constraint phi = 0 on positions, and lambda dpsi/dv for a
+        constraint psi = 0 on velocities (Chetaev's rule if psi is not linear in the velocities).
         """
         return ByName("constraint", ((name, dict(each)) for name, each in self._derivation.constraint_forces.items()))
 
@@ -278,8 +278,8 @@ class System:
     def check(self, *, target: str = "llvm", points: int | None = None, seed: int = 0) -> Report:
         """Compare all compiled quantities with numerical differentiation of the stated energies, and return a report.
 
-        The textbook derivation and the other machine are compared, too. The report prints as a table and is true if all
-        agree. `seed` determines the random states: 5, or fewer of a large system. Raises StatementError for points < 1.
+        The textbook derivation and the other target are compared, too. The report prints as a table and is true if all
+        agree. `points` random states, by default 5 or fewer, follow from `seed`. Raises StatementError for points < 1.
         """
         from lagrange.evidence.check import check_stated
 
@@ -298,9 +298,9 @@ class System:
         """Return the nearest state on the constraints: `.initial` is complete, `.moved` the largest change.
 
         `initial` overlays the statement's initial state as in `run`. First the coordinates move, by the least distance
-        in the metric of the kinetic energy, then the velocities. Entries in `hold`, such as `[x, y.dot]`, stay as they
-        are. Of a rotation, `R` holds the orientation, and `R.body` the orientation and its rates. Raises StatementError
-        if there is no such state nearby, with the violated constraints.
+        in the metric of the kinetic energy, then the velocities. Entries in `hold`, such as `[x, y.dot]`, do not
+        change. For a rotation R, `R` in `hold` fixes the orientation, `R.body` the orientation and its rates. Raises
+        StatementError if no such state is nearby, and names the violated constraints.
         """
         from lagrange.compiler import machine, model_of
         from lagrange.trajectory.constraints.consistent import consistent
@@ -322,8 +322,8 @@ class System:
         "momenta", "multipliers", "positions", "events"), of explicit methods ("rk4": a step, "dop853": a run with error
         control), "main" (a program that runs the initial state and writes CSV) and, for some targets, "taylor"; the
         default is rhs and energy. `events` are as for a run. `parameters` overlay the default values; for "main" they
-        give each open input a constant value, and its rates are zero. The result has `.files`, and `.commands` that run
-        the self-test there. Raises StatementError for what a target cannot express, and for parameters without values.
+        give each input a constant value, with zero derivatives. The result has `.files`, and `.commands` that run the
+        self-test. Raises StatementError for functions that the target lacks, and for parameters without values.
         """
         from lagrange.export.contents import export
 
@@ -339,9 +339,9 @@ class System:
     ) -> Path:
         """Write a web page on which the system moves: one HTML file that needs no other file. Returns its path.
 
-        It computes in JavaScript, by dop853. `parameters` and `initial` overlay the stated values; each has a slider.
-        `sliders` has bounds of the first sliders, {l: (0.5, 2), theta.dot: (-3, 3)}. With contacts the page plays one
-        run, without sliders. Raises StatementError for unknown names, functions that JavaScript lacks, and bad paths.
+        JavaScript computes the motion by dop853. `parameters` and `initial` overlay the stated values; each value has a
+        slider. `sliders` has the bounds of the first sliders, {l: (0.5, 2), theta.dot: (-3, 3)}. With contacts the page
+        plays one run. Raises StatementError for unknown names, functions that JavaScript lacks, and invalid paths.
         """
         from lagrange.page.web_page import page_of, write_recorded_page
 
@@ -395,8 +395,8 @@ class System:
     def substitute(self, parameters: Mapping[Any, Any]) -> System:
         """Return the System with numbers or expressions for some parameters, such as {l: 1, m2: mu*m1}.
 
-        Keys are symbols or names; {X: sin(t)} or {X: (times, values)} replaces a given function. New symbols have no
-        value. Raises StatementError for a key that is not a parameter, and for expressions that are not constant.
+        Keys are symbols or names; {X: sin(t)} or {X: (times, values)} sets a known function of time. New symbols have
+        no value. Raises StatementError for a key that is not a parameter, and for expressions that are not constant.
         """
         from lagrange.mechanics.reduction import substituted
 
@@ -407,9 +407,9 @@ class System:
 
         `about` has values of coordinates and of velocities, numbers or expressions in parameters; the default of each
         is zero. L, the dissipation and the constraints are expanded to `order`, forces to one order less: order 2 gives
-        linear equations. The point need not be an equilibrium: the notebook page of the result says whether it is,
-        because elsewhere the accelerations are right at the point alone. Raises StatementError where no expansion
-        exists: at corners and poles, off the constraints, and where a coordinate loses its inertia.
+        linear equations. The notebook page of the result says whether the point is an equilibrium; otherwise the
+        accelerations are exact at the point only. Raises StatementError where no expansion exists: at corners and
+        poles, off the constraints, and where a coordinate loses its inertia.
         """
         self.statement.check_without_contacts("small()")
         from lagrange.mechanics.expansion import small
@@ -450,15 +450,15 @@ class System:
     def ignored(self, solution: Any) -> dict[Any, Any]:
         """Return the ignored coordinates and their velocities along a run of the Routhian, {symbol: (N,)}.
 
-        They are integrated along the run, to 1e-12 relative to their total change, from this system's initial values.
-        Raises StatementError for a solution of another system, and where the outputs are too far apart for 1e-12.
+        The coordinates are integrated along the run from this system's initial values, with an error of 1e-12 of their
+        total change. Raises StatementError for a solution of another system, and for outputs too far apart for 1e-12.
         """
         from lagrange.mechanics.transformation import ignored
 
         return ignored(self.statement, solution)
 
     def hamiltonian(self) -> Hamiltonian:
-        """Return Hamilton's form: H in momenta, Hamilton's equations, Poisson brackets, and a System that runs.
+        """Return the Hamiltonian form: H, Hamilton's equations, Poisson brackets, and a System with momenta to run.
 
         Raises StatementError where momenta do not determine the velocities, and for systems with constraints.
         Goldstein, Poole, Safko, 3rd ed., sections 8.1 and 9.5.
@@ -497,10 +497,10 @@ class System:
 
         Each equation is a text such as "l theta'' + g sin theta = 0", a SymPy expression that is zero, or an Eq. Give a
         list, {coordinate: equation}, or one text with several lines. Equations are right if they are equivalent: in any
-        order, multiplied by any factor, combined linearly or solved for the accelerations. The result is truthy if they
-        are right. Its `.message` names the first wrong term, `.read` has the equations as they were understood,
+        order, multiplied by any factor, combined linearly or solved for the accelerations. The result is true if they
+        are right. Its `.message` names the first wrong term, `.read` has the equations as they were understood, and
         `.details` a state at which an equation does not hold. Raises StatementError for a text that cannot be read,
-        with all faults and their places, and for equations that are not linear in the accelerations.
+        with all errors and their places, and for equations that are not linear in the accelerations.
         """
         from lagrange.show.notation.graded_answer import graded_answer
 
@@ -511,9 +511,9 @@ class System:
     def equilibria(self, rates: Mapping[Any, Any] | None = None) -> list[Equilibrium]:
         """Return the equilibria, each with `.coordinates`, `.stable`, `.energy` and the `.condition` for it to exist.
 
-        They are found symbolically where factors of the forces allow it, else numerically from many starts. `rates` are
+        Equations whose factors can be solved are solved exactly, others numerically from many starts. `rates` are
         constant velocities of ignorable coordinates, as {phi: w}. For a rotation R, {R.space[2]: w} gives steady turns,
-        and {R: attitude, R.body[2]: w} precessions. Raises StatementError, with the attempts, where none is found.
+        and {R: attitude, R.body[2]: w} precessions. Raises StatementError if no equilibrium is found.
         """
         from lagrange.mechanics.equilibria import equilibria
         from lagrange.show.notebook.result_pages import ResultList
@@ -524,10 +524,10 @@ class System:
         """Return the linear equations of small changes about a point: SymPy matrices M, C, K and A, B.
 
         `at` has values of coordinates, of velocities of steady motions and of inputs, numbers or expressions in
-        parameters; the default of each is zero. `inputs` are parameters or given functions of time. With constraints
-        the equations are those of independent coordinates. Away from equilibrium the matrices hold at that instant
-        only, which `.note` reports. They are tested against the Jacobian of the compiled model. Raises StatementError
-        for a point that is off the constraints or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
+        parameters; the default of each is zero. `inputs` are parameters or known functions of time. With constraints
+        the equations are those of independent coordinates. Away from equilibrium the matrices are valid at that instant
+        only, which `.note` reports. They are compared with the Jacobian of the compiled model. Raises StatementError
+        for a point that violates a constraint or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
         """
         self.statement.check_without_contacts("linearize()")
         from lagrange.mechanics.linearization import linearized
@@ -537,9 +537,9 @@ class System:
     def modes(self, at: Mapping[Any, Any] | None = None) -> ShownModes:
         """Return frequencies, shapes and stability of small oscillations about an equilibrium; `plot()` draws them.
 
-        Results are symbolic where roots of degree two suffice, else numbers at the values of the parameters.
-        Frequencies are in radians per unit of time. Raises StatementError away from equilibrium. Goldstein, Poole,
-        Safko, 3rd ed., section 6.2.
+        Results are symbolic if the frequencies follow from quadratic equations, else numbers for the values of the
+        parameters. Frequencies are in radians per unit of time. Raises StatementError away from equilibrium. Goldstein,
+        Poole, Safko, 3rd ed., section 6.2.
         """
         from lagrange.mechanics.expansion import stated_point
         from lagrange.mechanics.modes import modes
@@ -550,8 +550,8 @@ class System:
     def eigenvalues(self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None) -> EigenvaluePath:
         """Return the eigenvalues about an equilibrium at values (k,) of a parameter: `.eigenvalues`, (k, 2n).
 
-        `at` is the equilibrium, as in `linearize`: expressions in the parameters, or decimals for the first value, from
-        which it is followed. Raises StatementError if it exists at no value.
+        `at` is the equilibrium, as in `linearize`: expressions in the parameters, or decimal numbers at the first
+        value, from which the equilibrium is continued. Raises StatementError if it exists at no value.
         """
         self.statement.check_without_contacts("eigenvalues()")
         from lagrange.mechanics.stability import eigenvalue_path
@@ -571,7 +571,7 @@ class System:
 
     @property
     def _known(self) -> Statement:
-        """The statement with values for its given functions. Raises StatementError if one has no values."""
+        """The statement with all its functions of time known. Raises StatementError for a function without values."""
         require_values(self.statement)
         return known_statement(self.statement)
 
