@@ -82,9 +82,8 @@ class CommandParser(argparse.ArgumentParser):
         return ""
 
 
-def add_scene(command: CommandParser, function: Callable[[argparse.Namespace], Answer]) -> None:
-    """Set the function that runs a command, and add the argument SCENE."""
-    command.set_defaults(command=function)
+def add_scene(command: CommandParser) -> None:
+    """Add the argument SCENE."""
     command.add_argument("scene", metavar="SCENE", help="a scene file, or a name that `lagrange scenes` lists")
 
 

@@ -30,7 +30,7 @@ UNREADABLE = "cannot be read"  # Verdict for an answer that cannot be read
 
 def add_grade(command: CommandParser) -> None:
     """Add the arguments of `grade`."""
-    add_scene(command, grade)
+    add_scene(command)
     command.add_argument(
         "file",
         metavar="FILE",

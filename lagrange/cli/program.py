@@ -166,13 +166,15 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_options(place: str, name: str, command: CommandParser) -> None:
-    """Import the module `place`, and let its function add_`name` add the arguments of the command `name`."""
-    getattr(import_module(place), f"add_{name}")(command)
+    """Set the function `name` of the module `place` as the command, and add the arguments by its add_`name`."""
+    module = import_module(place)
+    command.set_defaults(command=getattr(module, name))
+    getattr(module, f"add_{name}")(command)
 
 
 def add_derive(command: CommandParser) -> None:
     """Add the arguments of `derive`."""
-    add_scene(command, derive)
+    add_scene(command)
     command.add_argument(
         "--format", choices=FORMATS, help="language of the page (default: unicode in a terminal that has it, else text)"
     )
@@ -190,7 +192,7 @@ def derive(request: argparse.Namespace) -> Answer:
 
 def add_check(command: CommandParser) -> None:
     """Add the arguments of `check`."""
-    add_scene(command, check)
+    add_scene(command)
     add_json(command)
 
 
@@ -202,7 +204,6 @@ def check(request: argparse.Namespace) -> Answer:
 
 def add_new(command: CommandParser) -> None:
     """Add the arguments of `new`."""
-    command.set_defaults(command=new)
     command.add_argument("name", metavar="NAME", help="name of the scene; the file is NAME.toml")
     command.add_argument("--out", metavar="DIR", default=".", help="folder to write it to (default: this one)")
 
@@ -238,7 +239,6 @@ SCENES = Path(__file__).resolve().parent.parent / "scenes"
 
 def add_scenes(command: CommandParser) -> None:
     """Add the arguments of `scenes`."""
-    command.set_defaults(command=scenes)
     command.add_argument(
         "--long", action="store_true", help="with coordinates, constraints, end, method and source of each"
     )

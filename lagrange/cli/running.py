@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 def add_run(command: CommandParser) -> None:
     """Add the arguments of `run`."""
-    add_scene(command, run)
+    add_scene(command)
     add_start(command)
     command.add_argument("--points", metavar="N", help="output at N equally spaced times instead of at every step")
     command.add_argument(
@@ -92,7 +92,7 @@ def _in_folder(code: int, result: Any, data: dict[str, Any], target: Path | None
 
 def add_race(command: CommandParser) -> None:
     """Add the arguments of `race`."""
-    add_scene(command, race)
+    add_scene(command)
     add_start(command, method=False)
     command.add_argument("--methods", metavar="A,B", help="methods, such as dop853,rk4 (default: a telling choice)")
     command.add_argument("--tolerances", metavar="X,Y", help="tolerances of adaptive methods (default: 1e-3 to 1e-13)")
@@ -132,7 +132,7 @@ TABLE, STORE = ".csv", ".zarr"
 
 def add_ensemble(command: CommandParser) -> None:
     """Add the arguments of `ensemble`."""
-    add_scene(command, ensemble)
+    add_scene(command)
     command.add_argument(
         "--vary",
         metavar="NAME=LOW:HIGH:COUNT",

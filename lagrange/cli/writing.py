@@ -35,7 +35,7 @@ from lagrange.show.files.atomic_file import check_place, write_atomically
 
 def add_export(command: CommandParser) -> None:
     """Add the arguments of `export`."""
-    add_scene(command, export)
+    add_scene(command)
     command.add_argument("--target", required=True, metavar="NAME", help="such as c; `lagrange targets` lists them")
     command.add_argument("--out", required=True, metavar="DIR", help="folder for the files")
     command.add_argument(
@@ -60,7 +60,6 @@ def export(request: argparse.Namespace) -> Answer:
 
 def add_targets(command: CommandParser) -> None:
     """Add the arguments of `targets`."""
-    command.set_defaults(command=targets)
     add_json(command)
 
 
@@ -73,7 +72,7 @@ def targets(request: argparse.Namespace) -> Answer:
 
 def add_page(command: CommandParser) -> None:
     """Add the arguments of `page`."""
-    add_scene(command, page)
+    add_scene(command)
     command.add_argument("--out", required=True, metavar="FILE", help="the file to write, such as page.html")
     add_parameters(command)
     add_initial(command)
@@ -101,7 +100,7 @@ def page(request: argparse.Namespace) -> Answer:
 
 def add_plot(command: CommandParser) -> None:
     """Add the arguments of `plot`."""
-    add_scene(command, plot)
+    add_scene(command)
     command.add_argument(
         "--out", metavar="FILE", help="picture to write: .png, .svg or .pdf (default: the name of the scene with .png)"
     )
@@ -134,7 +133,7 @@ def plot(request: argparse.Namespace) -> Answer:
 
 def add_animate(command: CommandParser) -> None:
     """Add the arguments of `animate`."""
-    add_scene(command, animate)
+    add_scene(command)
     command.add_argument(
         "--out",
         metavar="FILE",
