@@ -290,7 +290,7 @@ class Heading:
 NO_HEADING = Heading()
 
 LEFT_OUT = {"full": (), "short": ("Positions and velocities", "Coordinate", "Matrix form", "Energy", "Jacobi integral")}
-"""Sections that are left out at each level of detail."""
+"""Headings of the sections that each level of detail leaves out."""
 
 ALONE = "Equations of motion"
 """Heading of the section in which LaTeX prints one formula per line. In other sections short formulas share a line."""

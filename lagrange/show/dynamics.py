@@ -279,9 +279,9 @@ def poincare(
     `event` is an expression that is zero on the section, or `lg.event(x, direction=1)` for one direction of crossing. A
     number, or an expression in parameters such as 2*pi/w, is a sampling period instead, as for a driven system.
     `starts` are initial states, a list of dicts or rows (m, 2n); a dict overlays the initial state of the system. With
-    `energy` all starts have that energy: the velocity `solve_for` follows from it, in the direction of the event. Each
-    orbit is followed for `skip` crossings, and then for `crossings` that are kept. It ends early if no crossing occurs
-    within the time `longest`, 200 periods of small motions by default.
+    `energy` all starts have that energy. The velocity `solve_for` follows from the energy, with the sign of the event's
+    direction. Each orbit is followed for `skip` crossings, and then for `crossings` that are kept. An orbit ends early
+    if no crossing occurs within the time `longest`, 200 periods of small motions by default.
 
     The result has `times` and `states`, (k,) and (k, 2n) for each start, `points` of all, and `plot(x, y)`. Ctrl-C
     keeps the finished orbits. Raises StatementError for an invalid section, and for starts whose energy is too high.
@@ -323,8 +323,8 @@ def bifurcation(
     `values` are a list, or (low, high, count), in any order. A system that is driven in time is sampled after each
     period of its driving. The period follows from the sines and cosines of time, or is given as `section`. With an
     event as `section`, as in `poincare`, any system is sampled at its crossings. At each value the orbits from `starts`
-    are followed for `skip` samples, and then for `points` samples that are kept. With `follow` they begin where the
-    orbits of the previous value ended, so that rising and falling values show hysteresis. The result has `states`
+    are followed for `skip` samples, and then for `points` samples that are kept. With `follow` the orbits begin where
+    those of the previous value ended, so that rising and falling values show hysteresis. The result has `states`
     (k, m, points, 2n), and `cycles` (k, m), the number of points after which each orbit repeats.
 
     For a system without driving and without a section the result shows its equilibria: `branches`, with formulas where

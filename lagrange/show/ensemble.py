@@ -292,7 +292,7 @@ class Ensemble:
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
         """Yield (name, values, dimensions) of each variable of a Dataset for a column of results.
 
-        The dimensions of the varied quantities come first in the Dataset, and are left out here.
+        The dimensions of the varied quantities, which come first in the Dataset, are not included.
         """
         names, rows = self._variables_of(column), self.results.column(column.name)
         if column.name == STATUS:

@@ -57,7 +57,7 @@ def states_for_pictures(solution: Solution, t: FloatArray) -> FloatArray:
 
 
 class _Between:
-    """Polynomials in time between the known states of a run that has no dense output, in increasing time."""
+    """Interpolation polynomials between the known states of a run without dense output, ordered by increasing time."""
 
     def __init__(self, solution: Solution, known: OutputPath) -> None:
         order = slice(None, None, 1 if known.times[-1] >= known.times[0] else -1)
@@ -85,9 +85,9 @@ class _Between:
     def test(self) -> None:
         """Raise StatementError if a polynomial has too large an error in the middle of its interval.
 
-        The error is estimated from the error of the acceleration by the equations of motion. For an interval of
-        length h there is a constant c such that the error in the middle is c h^6/64, and 3 c h^4/8 is that of the
-        acceleration.
+        The error is estimated from the acceleration of the polynomial, which the equations of motion test. On an
+        interval of length h the error in the middle is c h^6/64 with some constant c, and the error of the acceleration
+        is 3 c h^4/8.
         """
         h = np.diff(self.t)
         apart = np.flatnonzero(h > 0)

@@ -1,4 +1,4 @@
-"""Integration methods: `lg.methods.RK4(step=0.01)`, `lg.methods.table()`.
+"""The namespace `lg.methods` of integration methods: `lg.methods.RK4(step=0.01)`, `lg.methods.table()`.
 
 Every method is available here under the name of the function or class that creates it. Classes for SciPy's solvers have
 names that begin with Scipy: `lg.methods.ScipyRadau(max_step=0.1)`. `lg.methods.CVODE()` needs `pip install

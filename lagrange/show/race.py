@@ -163,9 +163,9 @@ _HEADINGS = ("method", "setting", "error", "time / ms", "steps", "evaluations", 
 class Race:
     """Errors and computing times of integration methods on one system; iterating over it yields an `Entry` per run.
 
-    An `Entry` has the method, its step or tolerance, the error and the time of one run; `records` has the same as
-    dicts. Errors are those at the end of the run, or the largest over its output times. They are in the units of the
-    state, or relative to the size of each entry of the state if `relative`. Times are in seconds.
+    An `Entry` has the method, its step or tolerance, the error and the time of one run; `records` has the same data as
+    dicts. The error is that of the state at the end of the run, or the largest one at its output times. Errors are in
+    the units of the state, or relative to the size of each entry of the state if `relative`. Times are in seconds.
     """
 
     result: Result
