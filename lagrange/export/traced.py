@@ -135,7 +135,7 @@ class TracedTarget(Target):
         return f"{module.name}_{self.name}"
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the module and its test, by file name."""
+        """Return the texts of the module and of the self-test by file name."""
         name, library = self.file_name(module), self.library
         test = test_text(module, SCRIPT, file=name, evaluated=library.text("evaluated"))
         return {f"{name}.py": library.module(module), f"{name}_test.py": test}

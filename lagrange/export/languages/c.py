@@ -46,7 +46,7 @@ from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 
 class BracedPrinter(SourcePrinter):
-    """Prints one procedure in a language with braces; subclasses define declarations and calls.
+    """Prints a procedure as a function in a language with braces, C or JavaScript; subclasses define declarations.
 
     `index_type` is the type of a loop index. `functions` maps an operation to the name of a function of the language.
     `helpers` maps each other operation to the name and the definition of a function that the file must contain.
@@ -252,7 +252,7 @@ def function(procedure: Procedure, c_names: CNames, *, hidden: bool = False) -> 
 
 
 class _CPrinter(BracedPrinter):
-    """Prints one procedure in C."""
+    """Prints a procedure as a C function, which is local to its file if `hidden`; `c_names` has the module's names."""
 
     language = "C"
     helpers = HELPERS
@@ -368,7 +368,7 @@ class C(Target):
     shell = ("cc -std=c99 -O2 -o {name}_{program} {name}.c {name}_{program}.c -lm", "./{name}_{program}")
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the header, the source file, and the programs for the test and for `main`, by file name."""
+        """Return the texts of the exported files by file name: header, source, self-test and, if exported, `main`."""
         return {f"{module.name}.h": header(module), f"{module.name}.c": source(module), **programs(module)}
 
 
@@ -464,7 +464,7 @@ def records(procedures: Sequence[Procedure], c_names: CNames) -> Iterator[str]:
 
 
 def programs(module: SourceModule) -> dict[str, str]:
-    """Return the sources of the self-test, and of `main` if it is exported, by file name."""
+    """Return the C sources of the self-test and, if exported, of `main`, by file name."""
     files = {f"{module.name}_test.c": test_text(module, SCRIPT)}
     if module.run is not None:
         text = main_text(module, SCRIPT).splitlines()

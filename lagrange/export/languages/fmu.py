@@ -32,9 +32,9 @@ RESULT, INDICATOR = "result", "indicator"
 
 @dataclass(frozen=True)
 class ScalarVariable:
-    """A real variable of an FMU, with its reference number; `start` is its initial value, None without one.
+    """A real variable of an FMU; `reference` is its number, and `start` its initial value or None.
 
-    For the derivative of a state, `of` is the reference of the state.
+    For the time derivative of an entry of the state, `of` is the reference number of that entry.
     """
 
     name: str
@@ -338,7 +338,7 @@ class Fmu(Target):
     """Shell lines that unpack the FMU of FMI 3.0, and compile and run a program of its sources."""
 
     def files(self, module: SourceModule) -> Mapping[str, bytes]:
-        """Return the FMU for each version of FMI, by file name."""
+        """Return the two FMUs, zip archives for FMI 2.0 and FMI 3.0, by file name."""
         return {f"{module.name}_fmi{major}.fmu": archive(contents(module, major)) for major in (2, 3)}
 
 

@@ -101,7 +101,7 @@ LANGUAGE = Language(
 
 
 def short(line: str) -> list[str]:
-    """Return the lines of a statement, continued on several lines if it is long."""
+    """Return a Fortran statement as one line, or as several lines with & if it is too long."""
     return continued(line, LONGEST_LINE, "&")
 
 
@@ -213,7 +213,7 @@ def _constants(module: SourceModule, prepared: int) -> Iterator[str]:
 
 
 TEST = Script("fortran", comment=marked("!"), literals=LITERALS, more=" &", chunk=120, quoted="'{}'".format)
-"""The self-test. Its lists are assigned in parts, since compilers need not accept statements of more than 256 lines."""
+"""The self-test. It assigns lists in parts, because compilers may refuse statements of more than 256 lines."""
 
 
 @register
@@ -226,7 +226,7 @@ class Fortran(Target):
     shell = ("gfortran -std=f2008 -O2 -o {name}_{program} {name}.f90 {name}_{program}.f90", "./{name}_{program}")
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the source file and the file of its test, by name."""
+        """Return the texts of the source file and of the self-test by file name."""
         calls = "\n".join(f"  call test_{check.name}()" for check in module.checks)
         test = test_text(module, TEST, fortran=module_name(module), calls=calls)
         return {f"{module.name}.f90": source(module), f"{module.name}_test.f90": test}

@@ -39,11 +39,11 @@ OPERATORS: Mapping[str, Operator] = {
 
 LITERALS = Literals("Infinity", "NaN")
 
-MISSING = ("erf",)  # Elementary functions that the language does not have
+MISSING = ("erf",)  # Elementary functions that JavaScript does not have
 
 _MATH = ("abs", "sqrt", "atan2", "min", "max", "sign")
 FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in (*_MATH, *ELEMENTARY) if name not in MISSING}
-"""Functions of the language by operation. They return NaN or infinity outside of their domain."""
+"""Functions of JavaScript by operation. They return NaN or infinity outside of their domain."""
 
 _BITS = "const bits = new DataView(new ArrayBuffer(8));"
 
@@ -101,7 +101,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class File:
-    """Names and helpers that the functions of a file share.
+    """Data that the functions of an exported file share: names, array lengths, local memory, and helper functions.
 
     - `shifted` has for each procedure the indices of its array parameters with an offset.
     - `public` are the procedures that users call, and `functions` the names of all functions.
@@ -262,7 +262,7 @@ class JavaScript(Target):
     shell = ("node {name}_{program}.mjs",)
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the module, and the programs for the test and for the run of the initial state, by file name."""
+        """Return the texts of the exported files by file name: the module, the self-test and, if exported, `main`."""
         texts = {f"{module.name}.mjs": source(module), f"{module.name}_test.mjs": test_text(module, SCRIPT)}
         if module.run is not None:
             text = main_text(module, SCRIPT, head=json.dumps(columns(module))).splitlines()

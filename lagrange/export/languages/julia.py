@@ -27,7 +27,7 @@ LITERALS = Literals("Inf", "NaN")
 HELPERS = {op: f"{text}\n" for op, text in helpers("julia").items()}
 """Helper functions that the file defines. All return NaN for NaN."""
 
-MISSING = ("erf",)  # Elementary functions that the language does not have
+MISSING = ("erf",)  # Elementary functions that Julia does not have
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
@@ -149,7 +149,7 @@ class Julia(Target):
     shell = ("julia {name}_{program}.jl",)
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the file of the module and the file of its test, by name."""
+        """Return the texts of the module and of the self-test by file name."""
         test = test_text(module, TEST, module_name=module_name(module))
         return {f"{module.name}.jl": source(module), f"{module.name}_test.jl": test}
 

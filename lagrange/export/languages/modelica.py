@@ -222,7 +222,7 @@ class Modelica(Target):
     reserved_files = RESERVED
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the package, the package of its test, and a script with which OpenModelica runs the test."""
+        """Return the texts of the exported files by name: the package, its test, and a script that runs the test."""
         name = self.file_name(module)
         fields = {
             "package": name,

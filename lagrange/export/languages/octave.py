@@ -131,7 +131,7 @@ class Octave(Target):
     contents = frozenset()
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return a file for each function that users call, and a file for the test, by name."""
+        """Return the texts of the exported files by file name: one for each function that users call, and the test."""
         prefix, functions = prefix_of(module), PrintedFunctions(module, LANGUAGE)
         about = [module.prepare.about, places("parameters", module.parameters, "{0}({1})", 1)]
         head = f"[p, singular] = {prefix}prepare(parameters)"

@@ -84,7 +84,7 @@ class Python(Target):
     reserved_files = FILES
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the texts of the module, of its test and of a run from the initial state, by file name."""
+        """Return the texts of the exported files by file name: the module, the self-test and, if exported, `main`."""
         name = self.file_name(module)
         texts = {f"{name}.py": source(module), f"{name}_test.py": test_text(module, SCRIPT, file=name)}
         if module.run is not None:

@@ -22,7 +22,7 @@ from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 from lagrange.statement.vocabulary.functions import ELEMENTARY
 
-MISSING = ("erf",)  # Elementary functions that the language does not have
+MISSING = ("erf",)  # Elementary functions that Rust does not have
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
@@ -161,6 +161,6 @@ class Rust(Target):
     """Keywords, and names of Rust's own crates."""
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the source file and the file of its test, by name."""
+        """Return the texts of the source file and of the self-test by file name."""
         name = self.file_name(module)
         return {f"{name}.rs": source(module), f"{name}_test.rs": test_text(module, TEST, file=name)}

@@ -134,7 +134,7 @@ WHAT = (
     *("coordinates", "velocities", "phase", "energies", "drift", "invariants", "path"),
     *("multipliers", "violation"),
 )
-"""Names that what= accepts."""
+"""Names of quantities that the argument `what` of a plot accepts."""
 
 OTHER_NAMES = {"phase plane": "phase", "phase planes": "phase", "energy": "energies", "paths": "path"}
 """Synonyms of names in `WHAT`; a coordinate with such a name has precedence."""
@@ -197,7 +197,10 @@ def _check_alike(solutions: Sequence[Solution]) -> None:
 
 
 def _draw_into(ax: Any, panels: Sequence[Panel], style: FigureStyle, dpi: int) -> Figure:
-    """Draw each panel into one of the user's axes `ax`, and return their figure."""
+    """Draw each panel into one of the user's axes `ax`, and return the figure of the axes.
+
+    Raises StatementError unless there are as many axes as panels.
+    """
     several, axes = isinstance(ax, (list, tuple, np.ndarray)), [ax]
     if several:
         axes = [*islice(ax.flat if isinstance(ax, np.ndarray) else ax, len(panels))]

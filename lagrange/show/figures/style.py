@@ -126,7 +126,10 @@ def dress(axis: Axes, style: FigureStyle, title: str = "") -> None:
 
 
 def legend(axis: Axes, style: FigureStyle, title: str = "", size: float = 9.0) -> None:
-    """Add a legend above the upper right corner of a panel, and a title at its left, or above it if both are long."""
+    """Add a legend above the upper right corner of a panel, and a title with letters of `size` points.
+
+    The title is to the left of the legend, or above the legend if one line is too short for both.
+    """
     labels = axis.get_legend_handles_labels()[1]
     corners = axis.get_window_extent()
     room = 72 * corners.width / of_figure(axis).dpi

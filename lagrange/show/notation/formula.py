@@ -425,7 +425,7 @@ class Typesetter:
     def function(self, node: Any, exponent: str = "") -> FormulaPiece:
         """Return the text of a function, raised to `exponent`.
 
-        A given function of time without another argument is written as a letter.
+        A function of time alone is written as a letter.
         """
         if isinstance(node, AppliedUndef) and node.args == (t,):
             return FormulaPiece(self.notation.letter(node.func.__name__), simple=True)
