@@ -206,11 +206,11 @@ def ensemble(request: argparse.Namespace) -> Answer:
     counts = Counter(runs.status.tolist())
     ended = {status.value: counts[status] for status in lg.Status if counts[status]}
     stopped = counts[lg.Status.INTERRUPTED] > 0
-    said = repr(runs) + (_written(runs, out, what, request.style, stopped=stopped) if out is not None else "")
+    report = repr(runs) + (_written(runs, out, what, request.style, stopped=stopped) if out is not None else "")
     data = {"members": len(runs), "shape": [n for n in varied.shape if n > 1], "status": ended, "wall": runs.wall}
     data |= {"form": runs.form, "file": None if out is None else str(out)}
     code = INTERRUPTED if stopped else DONE if set(ended) <= {"success", "event"} else FAILED
-    return Answer(code, said, data)
+    return Answer(code, report, data)
 
 
 def _target(request: argparse.Namespace) -> Path | None:

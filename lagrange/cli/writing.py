@@ -126,9 +126,9 @@ def plot(request: argparse.Namespace) -> Answer:
     kind = path.suffix.lower()[1:]
     figure = solution.plot(what, style=request.style)
     written = write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=FILE_DPI))
-    said = f"{_remark(solution)}written to {written}"
+    text = f"{_remark(solution)}written to {written}"
     data = {"file": str(written), "status": solution.status.value, "message": solution.message}
-    return Answer(code_of(solution), said, data)
+    return Answer(code_of(solution), text, data)
 
 
 def add_animate(command: CommandParser) -> None:

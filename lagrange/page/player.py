@@ -249,10 +249,10 @@ class Animation:
         notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
         if len(page) <= LARGEST_SHOWN:
             return in_frame(page, "animation", *self.frame_size) + notes
-        said = f"The player has {len(page) // 1000:,} kB, too much for a notebook: .save('{self.name}.html') writes it."
+        text = f"The player has {len(page) // 1000:,} kB, too much for a notebook: .save('{self.name}.html') writes it."
         data = base64.b64encode(png(self.frame(0))).decode()
         still = f'<img alt="{escape(self.name)}" src="data:image/png;base64,{data}">'
-        return f"{still}<p>{escape(said)}</p>{notes}"
+        return f"{still}<p>{escape(text)}</p>{notes}"
 
     def __repr__(self) -> str:
         timing = self.timing

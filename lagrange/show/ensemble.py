@@ -334,8 +334,8 @@ class Ensemble:
         ]
         failed = np.flatnonzero(~COMPLETE[self._codes] & (self._codes != INTERRUPTED))
         if len(failed):
-            said = shorten(self.messages[int(failed[0])], MOST_LETTERS, placeholder=" ...")
-            lines.append((f"member {failed[0]}", said))
+            text = shorten(self.messages[int(failed[0])], MOST_LETTERS, placeholder=" ...")
+            lines.append((f"member {failed[0]}", text))
         return lines
 
 

@@ -1,7 +1,7 @@
-/* The functions of FMI 2.0 and of FMI 3.0, for model exchange and co-simulation; fmi-model.h says which version.
+/* The functions of FMI 2.0 and of FMI 3.0, for model exchange and co-simulation. fmi-model.h defines the version.
 
-   A singular matrix gives the status "discard" with a message, never a result. With FMI_STANDARD_HEADERS the
-   declarations are those of the standard's own headers, without it the equal ones below.
+   For a singular matrix a function returns the status "discard" with a message, and no result. With
+   FMI_STANDARD_HEADERS the declarations come from the headers of the standard, otherwise from the copies below.
 */
 
 #include <stdbool.h>
@@ -159,14 +159,14 @@ static Status none(Instance *model, size_t count, const char *function) {
     return count == 0 ? OK : status_of(model, NO_VARIABLE, function);
 }
 
-/* Leave the calling function with an error, or with the status of a function of the model. */
+/* Return an error from the calling function, or the status for a result of the functions in fmi-instance.h. */
 #define FAIL(message) return tell(model, ERROR, __func__, message)
 #define GIVE(found) return status_of(model, found, __func__)
 #define REFUSED(Name, status, message, ...)                  \
     EXPORTED Status FMI(Name)(__VA_ARGS__) {                 \
         return tell(component, status, __func__, message);  \
     }
-/* Leave the calling function with an error unless the instance is in one of some phases. */
+/* Return an error from the calling function unless the instance is in one of the given phases. */
 #define NEEDS(phases)                                                \
     Instance *model = component;                                     \
     if (model == NULL || !(model->now.phase & (phases))) {           \
@@ -398,7 +398,7 @@ static int begins_well(const Instance *model, double point, double step) {
 
 #if FMI_VERSION == 2
 
-/* --- what FMI 2.0 alone has */
+/* --- functions of FMI 2.0 only */
 
 NO_VARIABLES(Integer)
 NO_VARIABLES(Boolean)
@@ -502,7 +502,7 @@ REFUSED(GetStringStatus, DISCARD, "there is no such status", Component component
 
 #else
 
-/* --- what FMI 3.0 alone has: there are no clocks, and no structural parameters */
+/* --- functions of FMI 3.0 only: the model has no clocks and no structural parameters */
 
 NO_VARIABLES(Float32)
 NO_VARIABLES(Int8)

@@ -1,7 +1,7 @@
-/* An instance of the model, whatever the version of the interface: its numbers, its variables by reference, its steps.
+/* An instance of the model for all versions of FMI: its state, access to its variables, and runs with error control.
 
-   References: 0 is the time, then come the state, the parameters, and the results of each quantity in the order of
-   model_quantities, the derivatives of the state first.
+   Reference numbers of variables: 0 is the time. The state, the parameters, and the results of each quantity in the
+   order of model_quantities follow. The derivatives of the state are the first results.
 */
 
 #ifndef Instance_H
@@ -27,13 +27,13 @@ enum { FIRST_STATE = 1, FIRST_PARAMETER = FIRST_STATE + Model_STATES };
 enum { FIRST_INPUT = FIRST_PARAMETER + Model_FIRST_INPUT };
 enum { FIRST_RESULT = FIRST_PARAMETER + Model_PARAMETERS };
 
-/* What an environment may do depends on these; they are bits, so that functions can name several. */
+/* Phases of an instance. The allowed calls depend on the phase. The values are bits, so that several can be joined. */
 enum { INSTANTIATED = 1, INITIALIZING = 2, EVENTS = 4, CONTINUOUS = 8, STEPPING = 16, TERMINATED = 32 };
 enum { EVALUATING = INITIALIZING | EVENTS | CONTINUOUS | STEPPING | TERMINATED };
 
 enum { FINE, SINGULAR, NO_VARIABLE, NOT_SET_NOW, NO_STATE, NO_MEMORY };
 
-/* All that is saved and restored as the state of an FMU. */
+/* The state of an FMU, which an environment can save and restore. */
 typedef struct {
     double t;
     double y[Model_STATES];
@@ -44,7 +44,7 @@ typedef struct {
 
 typedef struct {
     Numbers now;
-    int stepped; /* for co-simulation */
+    int stepped; /* 1 for co-simulation, 0 for model exchange */
     int prepared, singular;
     double p[Model_PREPARED];
     int known[Model_QUANTITIES];
@@ -104,7 +104,7 @@ static int prepare(Instance *model) {
     return model->singular ? SINGULAR : FINE;
 }
 
-/* What is said of a function that is not fine. */
+/* Return the message for a result other than FINE. */
 static const char *message_of(const Instance *model, int found) {
     switch (found) {
     case SINGULAR:
@@ -121,7 +121,7 @@ static const char *message_of(const Instance *model, int found) {
     }
 }
 
-/* Compute a quantity, unless it is known at the present time, state and parameters. */
+/* Compute a quantity, unless its results are known for the present time, state and parameters. */
 static int evaluate(Instance *model, int quantity) {
     const Quantity *one = &model_quantities[quantity];
     if (prepare(model) != FINE) {
@@ -191,7 +191,7 @@ static void set_state(Instance *model, const double *y) {
     changed(model);
 }
 
-/* Run to a time with error control; what is returned is the outcome of the integrator, 3 where a matrix is singular. */
+/* Run to the time `end` with error control. Return the outcome of the integrator: 0 is success, 3 a singular matrix. */
 static int run(Instance *model, double end) {
     if (prepare(model) != FINE) {
         return 3;
@@ -204,7 +204,7 @@ static int run(Instance *model, double end) {
     return (int)outcome;
 }
 
-/* The derivative of an unknown in a direction of the state: unknowns are the state and its derivatives. */
+/* Compute the directional derivative of an unknown, an entry of the state or of its time derivative. */
 static int derivative_of(Instance *model, uint32_t unknown, const double *direction, double *value) {
     const int place = (int)(unknown < FIRST_RESULT + Model_RESULTS ? unknown : 0);
     if (FIRST_STATE <= place && place < FIRST_PARAMETER) {
@@ -234,7 +234,7 @@ static int is_state(uint32_t reference) {
     return reference >= FIRST_STATE && reference < FIRST_PARAMETER;
 }
 
-/* The derivatives of unknowns in the direction of a seed for some entries of the state. */
+/* Compute the directional derivatives of unknowns. The seed has the direction for some entries of the state. */
 static int derivatives_of(
     Instance *model,
     const uint32_t *unknowns,
@@ -259,7 +259,7 @@ static int derivatives_of(
     return FINE;
 }
 
-/* Copy numbers to where a state is kept, in new memory unless there is some. */
+/* Copy the numbers of a state to *state. Memory is allocated if *state is NULL. */
 static int keep(void **state, const void *numbers) {
     if (*state == NULL) {
         *state = malloc(sizeof(Numbers));

@@ -119,9 +119,9 @@ def write_mp4(file: BinaryIO, film: Film, interval: float, tell: Callable[[int],
         *("-framerate", f"{1 / interval:.9g}", "-i", "-", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"),
         *("-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", file.name),
     ]
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as output:
         # ffmpeg gets a new session: Ctrl-C reaches only this process, which ends ffmpeg.
-        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said, start_new_session=True)
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=output, stderr=output, start_new_session=True)
         try:
             _feed(process, film, tell)
             process.wait()
@@ -130,8 +130,8 @@ def write_mp4(file: BinaryIO, film: Film, interval: float, tell: Callable[[int],
                 process.kill()
                 process.wait()
         if process.returncode:
-            said.seek(0)
-            words = said.read().decode(errors="replace").strip().splitlines()
+            output.seek(0)
+            words = output.read().decode(errors="replace").strip().splitlines()
             raise RunError(
                 f"ffmpeg made no MP4 ({words[-1] if words else f'exit code {process.returncode}'}). Nothing was "
                 "written; name a file that ends in .gif or .html."

@@ -259,18 +259,18 @@ def _refined(
     """
     most = min(MOST_SAMPLES, _MOST_VALUES // max(2 * len(samples), 1))
     least = _LEAST * abs(float(t[-1] - t[0])) if len(t) else 0.0
-    looked_at = np.abs(np.diff(t)) > least
+    inexact = np.abs(np.diff(t)) > least
     for _ in range(rounds):
-        if not looked_at.any() or len(t) + np.count_nonzero(looked_at) > most:
+        if not inexact.any() or len(t) + np.count_nonzero(inexact) > most:
             break
-        at = np.flatnonzero(looked_at)
+        at = np.flatnonzero(inexact)
         middle = t[at] + _SHARE * (t[at + 1] - t[at])
         new = points(middle)
-        again = np.zeros(len(looked_at), dtype=bool)
-        again[at] = _distance(new, samples[:, :, at], samples[:, :, at + 1], scale) > TOLERANCE
+        bent = np.zeros(len(inexact), dtype=bool)
+        bent[at] = _distance(new, samples[:, :, at], samples[:, :, at + 1], scale) > TOLERANCE
         t, samples = np.insert(t, at + 1, middle), np.insert(samples, at + 1, new, axis=2)
-        near = with_neighbours(np.repeat(again, 1 + looked_at))
-        looked_at = (near | _beside_turns(t, samples * scale[:, :, None])) & (np.abs(np.diff(t)) > least)
+        near = with_neighbours(np.repeat(bent, 1 + inexact))
+        inexact = (near | _beside_turns(t, samples * scale[:, :, None])) & (np.abs(np.diff(t)) > least)
     return t, samples
 
 

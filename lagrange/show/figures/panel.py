@@ -404,8 +404,8 @@ def curves(quantity: PanelQuantity, solution: Solution, pixels: Pixels) -> Curve
 
     if outputs_alone(run):
         lines = [thinned(run.t, row, pixels) for row in shown(quantity.values(solution))]
-        said = "the outputs, joined by straight lines"
-        return Curves(lines, note=f"{said}; {window.note}" if window else said, window=window)
+        note = "the outputs, joined by straight lines"
+        return Curves(lines, note=f"{note}; {window.note}" if window else note, window=window)
     lines = over_time(
         lambda t: shown(quantity.values(solution.sampled(t))),
         first_times(run),

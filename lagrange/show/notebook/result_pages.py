@@ -35,8 +35,8 @@ def report_page(report: Report) -> str:
     wrong = [f"| {text.replace('FAILS', '**FAILS**')} |" for text in rows]
     table = "\n".join([f"| {' | '.join(HEADINGS)} |", "|---" * len(HEADINGS) + "|", *wrong])
     verdict = f"{bold(report.title())}: {markdown_text(head)}"
-    said = "\n".join(f"- {markdown_text(remark.strip())}" for remark in remarks)
-    parts: list[Part] = [("the verdict", verdict), ("the remarks", said)]
+    listed = "\n".join(f"- {markdown_text(remark.strip())}" for remark in remarks)
+    parts: list[Part] = [("the verdict", verdict), ("the remarks", listed)]
     shown = folded(f"the {counted(len(rows), 'quantity').replace('quantitys', 'quantities')} compared", table)
     return joined([*parts, ("the table", shown if report else table)], "`print(report)` has all of it.")
 
