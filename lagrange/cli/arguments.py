@@ -1,4 +1,4 @@
-"""Parse what all commands share, options, numbers, scenes and folders; the answer of a command and its exit codes."""
+"""Parse the options, numbers, scenes and folders that commands share; the answer of a command and its exit codes."""
 
 from __future__ import annotations
 

@@ -406,7 +406,7 @@ def _run(model: Model, parameters: FloatArray) -> ExportedRun:
 
 
 def divisors(model: Model) -> Program | None:
-    """Return a program that computes the divisors in the formulas of the accelerations, or None if there are none.
+    """Return a program that computes the divisors in the formulas of the accelerations, or None without divisors.
 
     A block with one unknown in the linear system for the accelerations is solved by a division by its matrix entry. No
     factorization tests this entry for zero. Entries that are nonzero constants are left out.
@@ -435,7 +435,7 @@ class Exported:
     """The result of an export: paths of the written files, and shell lines to run in their folder.
 
     `commands` build and run the self-test, whose exit status is 0 if all results are right. `run_commands` build and
-    run `main`, which writes a table; there are none if `main` is not among the contents.
+    run `main`, which writes a table; empty if `main` is not among the contents.
     """
 
     files: tuple[Path, ...]

@@ -94,7 +94,7 @@ TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
 
 @dataclass(frozen=True)
 class Script:
-    """How the self-test and the program `main` are written in a language.
+    """Templates and spellings for the self-test and the program `main` in a language.
 
     - `language` is the name of the file with the templates. Its templates `head` and `tail` are the text before and
       after all tests. `quantity` is the test of a quantity, and `integrator` the test of a step or a run. Their field

@@ -106,7 +106,7 @@ class StraightLinePrinter:
         self.vectors: dict[int, str] = {}
         self.constants: dict[int, float | bool] = {}
         self.needed: dict[str, None] = {}
-        """Printed operations, as keys; "condition" stands for the conversion of a number to a condition."""
+        """Printed operations, as keys; "condition" is the conversion of a number to a condition."""
         self.singular: list[str] = []
         """Names of the conditions that are true if a matrix is singular."""
         self.uses, self.parameters = uses_of(program), parameters

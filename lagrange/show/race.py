@@ -374,7 +374,7 @@ def race(
     Errors are differences from a reference run with `digits` digits, 22 by default, that shares nothing with the
     compiled code. A second reference run bounds the error of the first; smaller errors are not reported. `reference`
     replaces the reference run by a final state (2n,), states (2n, outputs), or a method. Raises StatementError for
-    invalid arguments, RunError if the run has no end to compare, or there is no reference.
+    invalid arguments, RunError if the run has no end to compare, and without a reference.
     """
     statement = stated(system, "kepler")
     statement.check_without_contacts("a race")

@@ -1,6 +1,6 @@
 // The motion of a recorded run: all states are known, and a cursor moves among them. No formulas are evaluated.
 //
-// `Recording` and `Motion` have these members in common, and the other scripts use no others:
+// `Recording` and `Motion` both have these members, which the other scripts use:
 //   size, width       number of entries of a state, and of coordinates of all points
 //   known             first and last index of the states that can be drawn
 //   cursor, first     index of the present state, and of the first state in a plot over time

@@ -282,7 +282,7 @@ def plot_branches(data: BranchesData, entry: Any, ax: Any, style: Any) -> Figure
     """Return the figure of equilibria: a coordinate against the parameter, dashed where an equilibrium is unstable.
 
     `entry` is the coordinate, None for the default. `ax` are axes of the user, None for a new figure. `style` is
-    "light" or "dark". Raises StatementError for a velocity, and if there are no branches.
+    "light" or "dark". Raises StatementError for a velocity, and for data without branches.
     """
     look, statement = style_of(style), data.statement
     row = row_of(statement, data.axis if entry is None else entry, "entry")
@@ -323,7 +323,7 @@ def plot_modes(shapes: ModeShapes, ax: Any, style: Any) -> Figure:
     """Return the figure of modes: in each row the components of a mode as bars, and its shape if positions are stated.
 
     On axes `ax` of the user the components of all modes are bars side by side. `style` is "light" or "dark". Raises
-    StatementError if there are no modes.
+    StatementError for a system without modes.
     """
     look = style_of(style)
     if not len(shapes.components):

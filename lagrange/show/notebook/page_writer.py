@@ -1,4 +1,4 @@
-"""Write what a notebook shows as Markdown with LaTeX formulas: limited length, long parts folded; lists of formulas.
+"""Write notebook pages of limited length as Markdown with LaTeX formulas, with long parts folded.
 
 JupyterLab, VS Code, Colab, nbviewer and nbconvert all render formulas in Markdown. VS Code does not render formulas in
 HTML, and JupyterLab removes MathML from notebooks that are not trusted. LaTeX also takes a fifth of the space of

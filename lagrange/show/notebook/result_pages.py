@@ -1,4 +1,4 @@
-"""What a notebook shows for reports, conserved quantities, equilibria, modes, linearizations and Hamiltonians."""
+"""Pages that a notebook shows for reports, conserved quantities, equilibria, modes, linearizations, Hamiltonians."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def _rounded(value: Any) -> Any:
 
 
 def _register(kind: type, parts: Callable[[Any, PageWriter], Iterator[Part]], instead: str) -> None:
-    """Register what a notebook shows for a result of the class `kind`: the parts that `parts(result, writer)` yields.
+    """Register the notebook page for results of the class `kind`; `parts(result, writer)` yields its parts.
 
     A sentence replaces a part that is too long. It ends with `instead`, which says where the values are.
     """

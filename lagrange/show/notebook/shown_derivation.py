@@ -1,4 +1,4 @@
-"""The result of `system.derivation()`, which prints itself in every format, and what a notebook shows for a system."""
+"""The result of `system.derivation()`, which prints itself in every format, and the notebook page of a system."""
 
 from __future__ import annotations
 
