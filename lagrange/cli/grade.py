@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lagrange.cli.arguments import DONE, FAILED, Answer, CommandParser, add_json, add_scene, load_scene
+from lagrange.cli.arguments import DONE, FAILED, Answer, CommandParser, load_scene
 from lagrange.errors import StatementError
 from lagrange.show.files.atomic_file import check_place, write_atomically, write_rows
 from lagrange.statement.display import columns_of_output, counter, text_table
@@ -30,14 +30,12 @@ UNREADABLE = "cannot be read"  # Verdict for an answer that cannot be read
 
 def add_grade(command: CommandParser) -> None:
     """Add the arguments of `grade`."""
-    add_scene(command)
     command.add_argument(
         "file",
         metavar="FILE",
         help="equations as people type them, such as  l theta'' + g sin theta = 0;  or a folder with a file a student",
     )
     command.add_argument("--out", metavar="TABLE.csv", help="file for the table of a folder")
-    add_json(command)
 
 
 def grade(request: argparse.Namespace) -> Answer:

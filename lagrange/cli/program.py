@@ -59,6 +59,9 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
 The module is imported only when the command is parsed.
 """
 
+WITHOUT_SCENE, WITHOUT_JSON = ("targets", "scenes", "new"), ("derive", "new")
+"""Commands without the argument SCENE, and commands without the option --json."""
+
 STARTER = """\
 # A scene: one mechanical system, stated by its energies. Run it with:  lagrange run {file}
 # Expressions know + - * / **, sin cos tan cot sec csc asin acos atan atan2 exp log sqrt sinh cosh tanh asinh acosh
@@ -166,15 +169,22 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_options(place: str, name: str, command: CommandParser) -> None:
-    """Set the function `name` of the module `place` as the command, and add the arguments by its add_`name`."""
+    """Set the function `name` of the module `place` as the command, and add the arguments of the command.
+
+    The function add_`name` of the module, if there is one, adds the arguments that only this command has.
+    """
     module = import_module(place)
     command.set_defaults(command=getattr(module, name))
-    getattr(module, f"add_{name}")(command)
+    if name not in WITHOUT_SCENE:
+        add_scene(command)
+    if add := getattr(module, f"add_{name}", None):
+        add(command)
+    if name not in WITHOUT_JSON:
+        add_json(command)
 
 
 def add_derive(command: CommandParser) -> None:
     """Add the arguments of `derive`."""
-    add_scene(command)
     command.add_argument(
         "--format", choices=FORMATS, help="language of the page (default: unicode in a terminal that has it, else text)"
     )
@@ -188,12 +198,6 @@ def derive(request: argparse.Namespace) -> Answer:
     derivation = load_scene(request).derivation(request.detail)
     above = {field: getattr(request, field) for field in ABOVE}
     return Answer(DONE, derivation.written(request.format, **above).rstrip("\n"))
-
-
-def add_check(command: CommandParser) -> None:
-    """Add the arguments of `check`."""
-    add_scene(command)
-    add_json(command)
 
 
 def check(request: argparse.Namespace) -> Answer:
@@ -242,7 +246,6 @@ def add_scenes(command: CommandParser) -> None:
     command.add_argument(
         "--long", action="store_true", help="with coordinates, constraints, end, method and source of each"
     )
-    add_json(command)
 
 
 def scenes(request: argparse.Namespace) -> Answer:

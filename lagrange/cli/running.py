@@ -17,8 +17,6 @@ from lagrange.cli.arguments import (
     PICTURES,
     Answer,
     CommandParser,
-    add_json,
-    add_scene,
     add_start,
     code_of,
     count,
@@ -41,7 +39,6 @@ if TYPE_CHECKING:
 
 def add_run(command: CommandParser) -> None:
     """Add the arguments of `run`."""
-    add_scene(command)
     add_start(command)
     command.add_argument("--points", metavar="N", help="output at N equally spaced times instead of at every step")
     command.add_argument(
@@ -50,7 +47,6 @@ def add_run(command: CommandParser) -> None:
     command.add_argument(
         "--no-check", action="store_true", help="skip the check of the compiled equations before the run"
     )
-    add_json(command)
 
 
 def run(request: argparse.Namespace) -> Answer:
@@ -92,7 +88,6 @@ def _in_folder(code: int, result: Any, data: dict[str, Any], target: Path | None
 
 def add_race(command: CommandParser) -> None:
     """Add the arguments of `race`."""
-    add_scene(command)
     add_start(command, method=False)
     command.add_argument("--methods", metavar="A,B", help="methods, such as dop853,rk4 (default: a telling choice)")
     command.add_argument("--tolerances", metavar="X,Y", help="tolerances of adaptive methods (default: 1e-3 to 1e-13)")
@@ -103,7 +98,6 @@ def add_race(command: CommandParser) -> None:
     command.add_argument("--repeats", metavar="N", help="timed runs, of which the fastest counts (default: 5)")
     command.add_argument("--max-wall", metavar="S", help="seconds after which a run is ended (default: 10)")
     command.add_argument("--out", metavar="DIR", help="folder for table.csv and plot.png; made if need be")
-    add_json(command)
 
 
 def race(request: argparse.Namespace) -> Answer:
@@ -132,7 +126,6 @@ TABLE, STORE = ".csv", ".zarr"
 
 def add_ensemble(command: CommandParser) -> None:
     """Add the arguments of `ensemble`."""
-    add_scene(command)
     command.add_argument(
         "--vary",
         metavar="NAME=LOW:HIGH:COUNT",
@@ -164,7 +157,6 @@ def add_ensemble(command: CommandParser) -> None:
         "--progress", action="store_true", help="write progress as lines if standard error is not a terminal"
     )
     add_start(command)
-    add_json(command)
 
 
 def ensemble(request: argparse.Namespace) -> Answer:

@@ -15,9 +15,7 @@ from lagrange.cli.arguments import (
     Answer,
     CommandParser,
     add_initial,
-    add_json,
     add_parameters,
-    add_scene,
     add_start,
     assignments,
     code_of,
@@ -35,7 +33,6 @@ from lagrange.show.files.atomic_file import check_place, write_atomically
 
 def add_export(command: CommandParser) -> None:
     """Add the arguments of `export`."""
-    add_scene(command)
     command.add_argument("--target", required=True, metavar="NAME", help="such as c; `lagrange targets` lists them")
     command.add_argument("--out", required=True, metavar="DIR", help="folder for the files")
     command.add_argument(
@@ -44,7 +41,6 @@ def add_export(command: CommandParser) -> None:
         help="names with commas, such as rhs,energy,jacobian,dop853,main; rhs,energy unless it is given",
     )
     add_parameters(command)
-    add_json(command)
 
 
 def export(request: argparse.Namespace) -> Answer:
@@ -58,11 +54,6 @@ def export(request: argparse.Namespace) -> Answer:
     )
 
 
-def add_targets(command: CommandParser) -> None:
-    """Add the arguments of `targets`."""
-    add_json(command)
-
-
 def targets(request: argparse.Namespace) -> Answer:
     """List the targets, each with a one-line description."""
     del request
@@ -72,7 +63,6 @@ def targets(request: argparse.Namespace) -> Answer:
 
 def add_page(command: CommandParser) -> None:
     """Add the arguments of `page`."""
-    add_scene(command)
     command.add_argument("--out", required=True, metavar="FILE", help="the file to write, such as page.html")
     add_parameters(command)
     add_initial(command)
@@ -83,7 +73,6 @@ def add_page(command: CommandParser) -> None:
         default=[],
         help="a slider to show first, with its bounds, such as l=0.5:2",
     )
-    add_json(command)
 
 
 def page(request: argparse.Namespace) -> Answer:
@@ -100,7 +89,6 @@ def page(request: argparse.Namespace) -> Answer:
 
 def add_plot(command: CommandParser) -> None:
     """Add the arguments of `plot`."""
-    add_scene(command)
     command.add_argument(
         "--out", metavar="FILE", help="picture to write: .png, .svg or .pdf (default: the name of the scene with .png)"
     )
@@ -112,7 +100,6 @@ def add_plot(command: CommandParser) -> None:
     )
     command.add_argument("--style", choices=("light", "dark"), default="light", help="colours (default: light)")
     add_start(command)
-    add_json(command)
 
 
 def plot(request: argparse.Namespace) -> Answer:
@@ -133,7 +120,6 @@ def plot(request: argparse.Namespace) -> Answer:
 
 def add_animate(command: CommandParser) -> None:
     """Add the arguments of `animate`."""
-    add_scene(command)
     command.add_argument(
         "--out",
         metavar="FILE",
@@ -146,7 +132,6 @@ def add_animate(command: CommandParser) -> None:
     command.add_argument("--style", choices=("auto", "light", "dark"), default="auto", help="colours (default: auto)")
     command.add_argument("--trail", metavar="T", help="time that trails go back; 0 for none")
     add_start(command)
-    add_json(command)
 
 
 def animate(request: argparse.Namespace) -> Answer:

@@ -194,9 +194,6 @@ def recording_of(solution: Solution, timing: Timing) -> Recording:
     energies = _energies(solution, t, states)
     size = solution.drift.scale if energies else 0.0
     change = (energies["E"] - energies["E"][0]) / (size or 1.0) if energies else np.empty(0)
-    kept = bool(energies) and bool(solution.drift.conserved)
-    jumps = _jumps(solution, t)
-    letter = solution.model.equations.structure.energy_letter
     return Recording(
         statement=solution.model.statement,
         t=t,
@@ -204,10 +201,10 @@ def recording_of(solution: Solution, timing: Timing) -> Recording:
         points=points,
         energies=energies,
         change=change,
-        kept=kept,
-        jumps=jumps,
+        kept=bool(energies) and bool(solution.drift.conserved),
+        jumps=_jumps(solution, t),
         detail=detail,
-        energy_letter=letter,
+        energy_letter=solution.model.equations.structure.energy_letter,
         energy_size=size,
     )
 

@@ -118,13 +118,12 @@ def first_drawn(runs: Ensemble) -> str:
 
     It is the first kept quantity with one number for each member, else the first coordinate, else a time.
     """
-    kept = [column.name for column in runs.columns if column.name not in (STATE, OUTPUTS, STATUS, TIME)]
-    numbers = [column.name for column in runs.columns if column.name in kept and not column.shape]
-    if numbers:
+    shapes = {column.name: column.shape for column in runs.columns if column.name not in (STATUS, TIME)}
+    if numbers := [name for name, shape in shapes.items() if name not in (STATE, OUTPUTS) and not shape]:
         return numbers[0]
-    if any(column.name in (STATE, OUTPUTS) for column in runs.columns):
+    if STATE in shapes or OUTPUTS in shapes:
         return runs.names[0]
-    return event_times(0) if event_times(0) in kept else TIME
+    return event_times(0) if event_times(0) in shapes else TIME
 
 
 Values = FloatArray | MemberNumbers  # Values along an axis: stated values, or indices of members
