@@ -167,7 +167,7 @@ def ensemble(request: argparse.Namespace) -> Answer:
     if members > MOST_WITHOUT_STORE and (out is None or out.suffix.lower() != STORE):
         raise StatementError(
             f"--vary gives {members:.3g} members, which run for minutes to days: give --out runs{STORE}, a folder from "
-            f"which the same command goes on when it is interrupted, or at most {MOST_WITHOUT_STORE:,} members."
+            f"which the same command continues after an interruption, or at most {MOST_WITHOUT_STORE:,} members."
         )
     points = count("--points", request.points)
     system = load_scene(request)

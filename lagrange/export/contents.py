@@ -146,7 +146,7 @@ def _refuse(
     if TAYLOR in names and model.statement.inputs:
         raise StatementError(
             f"taylor needs every derivative of {listing(name_of(u) for u in open_functions(model.statement))}, which "
-            "is left open: export a method such as 'dop853', or give it values with system.substitute()."
+            "has no formula: export a method such as 'dop853', or give it values with system.substitute()."
         )
     if "runs" in target.contents:
         _refuse_runs(target, methods)

@@ -378,7 +378,7 @@ class Messages(Mapping[int, str]):
             return results.messages[member]
         status = STATUSES[results.row(STATUS, member)]
         if status is Status.SUCCESS:
-            raise UnknownKey(f"member {member} succeeded: the messages are of members that did not.")
+            raise UnknownKey(f"member {member} succeeded, so it has no message: ask for a member that did not succeed.")
         t = float(results.row(TIME, member))
         if status is Status.INTERRUPTED and np.isnan(t):
             return "the ensemble was interrupted before this member was run."

@@ -223,7 +223,10 @@ loose_system: Any = system
 WRONG_ARGUMENTS: list[tuple[Callable[[], Any], str]] = [
     (lambda: ensemble().explain(99), "member = 99: give a whole number from 0 to 2."),
     (lambda: ensemble().messages["0"], "member is '0' (str): give a number."),
-    (lambda: ensemble().messages[1], "member 1 succeeded: the messages are of members that did not."),
+    (
+        lambda: ensemble().messages[1],
+        "member 1 succeeded, so it has no message: ask for a member that did not succeed.",
+    ),
     (lambda: loose.bifurcation(pendulum(), "m", [1, 2], points="many"), "points is 'many' (str): give a number."),
     (lambda: loose.bifurcation(pendulum(), "m", [1, 2], follow=3), "follow = 3: give True or False."),
     (lambda: loose.race(pendulum(), 0.1, outputs=1e308), "outputs = 1e+308: give a whole number from 1 to 100000."),

@@ -213,7 +213,7 @@ def test_one_state_is_one_frame(times: Any) -> None:
         ({"path": 3}, "the path is 3 (int): give the path of a file."),
         (
             {"path": "run.avi"},
-            "the name 'run.avi' does not say what to write: give one that ends in .html for a page with a player, "
+            "the name 'run.avi' has no known suffix: give one that ends in .html for a page with a player, "
             ".gif or .mp4 for a picture that moves, .png for the first frame.",
         ),
     ],

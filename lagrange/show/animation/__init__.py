@@ -21,7 +21,7 @@ def named_kind(path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise StatementError(
-            f"the name {shown(str(path))} does not say what to write: give one that ends in .html for a page with a "
+            f"the name {shown(str(path))} has no known suffix: give one that ends in .html for a page with a "
             "player, .gif or .mp4 for a picture that moves, .png for the first frame."
         )
     return target

@@ -68,7 +68,7 @@ def optional_package(package: str, method: str) -> Iterator[None]:
 def write_csv(solution: Solution, path: str | os.PathLike[str], rate: float | None, t: ArrayLike | None) -> Path:
     """Write the states of a run as CSV: at the outputs, at `rate` states per unit of time, or at the times `t`."""
     if rate is not None and t is not None:
-        raise StatementError("give rate= or t= and not both: each says at which times there are lines.")
+        raise StatementError("rate and t are both given, and each sets the times of the lines: give one of the two.")
     times = times_at(solution.trajectory, rate) if rate is not None else t
     return write_atomically(path, partial(_csv, solution if times is None else solution.sampled(times)))
 
