@@ -216,10 +216,9 @@ def step_of(name: str) -> StepProgram:
 def module_of(
     model: Model, requested: ExportContents, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
 ) -> SourceModule:
-    """Return the data of an export that all languages share: the contents `requested`, and their tests.
+    """Return the data of an export that all languages share: the contents `requested`, with `events`, and their tests.
 
-    `events` are exported, too. `parameters` replace default values. Raises StatementError for missing values, and if no
-    state with values is found for a test.
+    `parameters` replace default values. Raises StatementError for missing values, and if no test state has values.
     """
     statement = model.statement
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
