@@ -1,4 +1,4 @@
-"""Dense output and Taylor series in machine code.
+"""Dense output and Taylor series in machine code: modules, their addresses, and the loop over Taylor steps.
 
     void polynomial(ptr given, i64 columns, ptr step_data, ptr neighbours, ptr work, ptr out)
 
@@ -30,9 +30,10 @@ from lagrange.algorithm.dense.polynomials import series_polynomial
 from lagrange.algorithm.linear.gauss_jordan import invert_columns
 from lagrange.algorithm.linear.symmetric import invert
 from lagrange.algorithm.series.jets import NAME as JET_NAME
-from lagrange.algorithm.series.jets import ByOrderJet, Row, WrittenJet, by_order_scratch
+from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet, by_order_layout
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import Packing, cheapest_order, is_large, pack
+from lagrange.algorithm.series.rules import Row
 from lagrange.algorithm.taylor.event_zeros import inspect_step
 from lagrange.algorithm.taylor.loop import taylor_steps
 from lagrange.algorithm.taylor.memory import TaylorLayout
@@ -87,8 +88,8 @@ def inversion() -> Module:
 class LlvmDense:
     """The dense output in machine code (implements `DensePath`) for states with `dimension` entries.
 
-    `degree` is that of the polynomials. `polynomial()` returns the callback that writes the polynomials of a block of
-    steps. The call raises SingularMassMatrix if a constant mass matrix is singular.
+    `degree` is the degree of the polynomials. `polynomial()` returns the callback that writes the polynomials of a
+    block of steps. The call raises SingularMassMatrix if a constant mass matrix is singular.
     """
 
     dimension: int
@@ -204,7 +205,7 @@ class LlvmSeries(Shared):
         return self._order(tolerance)
 
     def code(self, order: int) -> CompiledJet:
-        """Return the machine code that computes the series up to an order. It is compiled at the first request."""
+        """Return the machine code that computes the series up to an order, compiled at the first request."""
         key = 0 if self._is_large(order) else order
         if key not in self._compiled:
             with refused():
@@ -271,7 +272,7 @@ class CompiledJet:
     def address(self) -> int:
         """Address of the compiled function that computes the series.
 
-        It changes once, when optimized code replaces the code compiled quickly.
+        The address changes once, when optimized code replaces the code compiled quickly.
         """
         return self.module.address(JET_NAME)
 
@@ -318,7 +319,7 @@ class CompiledJet:
         return numbers
 
     def joined(self, parameters: FloatArray, values: Any) -> tuple[FloatArray, list[int]]:
-        """Return one array of all numbers that a run reads, and the lengths of its parts. It is cached."""
+        """Return one array of all numbers that a run reads, and the lengths of its parts. The result is cached."""
         key, known = (parameters.tobytes(), values), self._joined
         if known is None or known[0] != key:
             parts = [*self.numbers(parameters), *([] if values is None else [values.prepare(parameters)])]
@@ -337,7 +338,7 @@ class CompiledJet:
 
 
 def layout_of(packing: Packing, order: int) -> TaylorLayout:
-    """Return the layout in memory of a series of one order. Order 0 stands for code that loops over orders.
+    """Return the layout in memory of a series of one order. Order 0 means code that loops over orders.
 
     `packing` says how values with the same rule are joined to vectors.
     """
@@ -346,7 +347,7 @@ def layout_of(packing: Packing, order: int) -> TaylorLayout:
     if order:
         return TaylorLayout.of(program, block=block, chains=True)
     width = whole_blocks(Row(packing, whole_blocks(program.states, block)).size, WIDEST_VECTOR)
-    return TaylorLayout.of(program, width, block=block, scratch=by_order_scratch(packing))
+    return by_order_layout(packing, width, block=block)
 
 
 def series_ir(jet: Procedure, prepare: Procedure) -> str:
@@ -365,7 +366,7 @@ def series_ir(jet: Procedure, prepare: Procedure) -> str:
 
 
 _BUILDING = threading.RLock()
-"""Locked while a loop is built and linked, so that two threads do not do it twice."""
+"""Lock for building and linking a loop, so that two threads do not do it twice."""
 
 
 @lru_cache(maxsize=64)

@@ -1,11 +1,10 @@
-"""A whole Taylor integrator as one procedure, for exported code.
+"""Exported Taylor integrator: one procedure that runs from a start time to an end time.
 
     taylor(t, t_end, y, p, rtol, atol, max_steps) -> an `Outcome`
 
-It advances the state y from time t[0] to t_end with the same steps as a run in this package: it chooses the
-order, computes the series, and tests the defect of each step. `p` has the parameters and the numbers computed
-from them. If the run ends early, t and y are the last time and state. PAUSED means that `max_steps` steps were
-taken.
+It advances the state y from time t[0] to t_end with the same steps as a run in this package: it chooses the order,
+computes the series, and tests the defect of each step. `p` has the parameters and the numbers computed from them. If
+the run ends early, t and y are the last time and state. PAUSED means that `max_steps` steps were taken.
 """
 
 from __future__ import annotations
@@ -44,29 +43,30 @@ from lagrange.procedure.rewrite import bound, without_vectors
 from lagrange.program.series import SeriesProgram
 
 MOST_WRITTEN_OUT = 5000
-"""Largest number of operations of a series that is printed without a loop up to its highest order. A double pendulum
+"""Largest number of operations, up to its highest order, of a series that is printed without a loop. A double pendulum
 has 2,700 (130 kB of C), which gcc compiles in 3 s; in a loop over orders it takes 1.2 times as long. With more
 operations the values do not fit into registers: the outer solar system would take 2.5 times as long.
 """
 
 EXPORTED_TILE = 12
-"""Largest number of sums over lower orders that exported code computes together: their totals stay in the 16 registers
-of most processors. With 24 the series of pleiades takes 1.1 to 1.6 times as long.
+"""Largest number of sums over lower orders that exported code computes together. Their totals stay in the 16 registers
+of most processors. With 24 sums the series of the scene pleiades takes 1.1 to 1.6 times as long.
 """
 
 LOOP_LANES, LOOP_TILE = 48, 2
-"""Number of values that a loop over like values computes, and number of vectors of sums that are computed together, one
-order at a time. Compilers unroll loops of 16 and fewer iterations, and then do not find vectors.
+"""Sizes of code with loops over values that have the same rule. `LOOP_LANES`: number of values in such a loop.
+`LOOP_TILE`: number of vectors of sums that are computed together, one order at a time. Compilers unroll loops of 16 and
+fewer iterations, and then do not find vectors.
 """
 
 LEAST_LANES = 6.0
-"""Least mean number of like values in a vector of up to 8 for which exported code has loops over like values. The outer
-solar system (6.7) then takes 0.7 of the time; a quadrotor (5.7) would take 1.2 times as long.
+"""Least mean number of values in a vector of up to 8 for which exported code has loops over values with the same rule.
+The outer solar system (6.7) then takes 0.7 of the time; a quadrotor (5.7) would take 1.2 times as long.
 """
 
 ORDER_BITS, ORDER_GRID = 53, 1060
-"""Orders are compared at `ORDER_GRID` + 1 tolerances from 1 to 2**-`ORDER_BITS`, so that each order is valid for
-several of them.
+"""Orders are compared at `ORDER_GRID` + 1 tolerances from 1 to 2**-`ORDER_BITS`. The grid is fine enough that each
+order is chosen at several of them.
 """
 
 
@@ -74,11 +74,11 @@ several of them.
 class TaylorProcedures:
     """Builds the procedures of a Taylor integrator for export from a series program.
 
-    The numbers of the series that depend on parameters alone are stored in the array p from index `begin` on. A
-    run takes at least `steps_at_least` steps. `projection` computes the corrections of a state onto its
-    constraints. With `relations` some constraints determine the velocities of coordinates of first order. With
-    `watches` the series may have event functions, for callers that use single procedures. Raises StatementError
-    for a system with switching surfaces.
+    The numbers of the series that depend on parameters alone are stored in the array p from index `begin` on. A run
+    takes at least `steps_at_least` steps. `projection` computes the corrections of a state onto its constraints.
+    With `relations` some constraints determine the velocities of coordinates of first order. With `watches` the
+    series may have event functions, for callers that use single procedures. Raises StatementError for a system with
+    switching surfaces.
     """
 
     program: SeriesProgram
@@ -106,7 +106,7 @@ class TaylorProcedures:
 
     @cached_property
     def single(self) -> Packing:
-        """The series packed as single values."""
+        """The series packed as single values, without vectors."""
         return pack(self.program, 1)
 
     @cached_property
@@ -158,8 +158,8 @@ class TaylorProcedures:
     def prepare(self, functions: Procedure) -> Procedure:
         """Return the procedure that computes all numbers that depend on parameters alone.
 
-        It first runs `functions`, which does this for the other functions of the system, and then does it for the
-        series.
+        It first runs the procedure `functions`, which computes these numbers for the other functions of the system, and
+        then computes those of the series.
         """
         first = replace(functions, name=f"{functions.name}_functions")
         combined = prepare_both.form(first=first, second=self.numbers.prepare())
@@ -178,8 +178,8 @@ class TaylorProcedures:
 def prepare_both(parameters: In, p: Out, *, first: Procedure, second: Procedure) -> bool:
     """Write the parameters, and all numbers that depend on them alone, to `p`. This is done once for a run.
 
-    The procedure `first` computes the numbers of the right-hand side from the `parameters`. Then `second`
-    computes those of the series from `p`. Return True if one of them meets a singular matrix.
+    The procedure `first` computes the numbers of the right-hand side from the `parameters`. Then the procedure
+    `second` computes the numbers of the series from `p`. Return True if a matrix is singular.
     """
     is_first_singular: bool = generated(first, parameters, p)
     is_second_singular: bool = generated(second, p)
@@ -188,7 +188,7 @@ def prepare_both(parameters: In, p: Out, *, first: Procedure, second: Procedure)
 
 @dataclass(frozen=True)
 class SeriesFunctions:
-    """The functions that a Taylor run calls.
+    """The functions that an exported Taylor run calls.
 
     `jet` computes the Taylor coefficients at a state. `projection` computes the corrections of a state onto its
     constraints; it is None without constraints.
@@ -213,11 +213,8 @@ def begin(of: SeriesFunctions, p: In, order: int, highest: int, layout: TaylorLa
 
     There are no output times, and no steps are recorded. The records of the run are zero.
     """
-    work, floors, states = (
-        reals(layout.size(highest), room=WIDEST_VECTOR),
-        reals(layout.dimension),
-        reals(layout.dimension),
-    )
+    work = reals(layout.size(highest), room=WIDEST_VECTOR)
+    floors, states = reals(layout.dimension), reals(layout.dimension)
     output_times, times, rows = reals(1), reals(1), reals(1)
     output_times[0] = math.nan
     return Arguments(

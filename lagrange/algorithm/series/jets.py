@@ -1,12 +1,12 @@
-"""Builders of the procedure that computes a series: without loops, or in a loop over orders.
+"""Builders of the procedure that computes the Taylor coefficients of a state: without loops, or in a loop over orders.
 
 A builder makes the procedure
 
-    jet(t, scale, y, prepared, constants, rows, order) -> whether a matrix is singular
+    jet(t, scale, y, prepared, constants, rows, order) -> True if a matrix is singular
 
-It writes the Taylor coefficients of q and v at the state y, times scale**k, to row k of `rows`, for k from 0 to
-the order. `prepared` are the numbers that depend on parameters alone. Like values are adjacent, in chunks of a
-length known at compile time, so that a compiler turns each chunk into vectors.
+It writes the Taylor coefficients of q and v at the state y, times scale**k, to row k of `rows`, for k from 0 to the
+order. `prepared` are the numbers that depend on parameters alone. Values with the same rule are adjacent, in chunks of
+a length known at compile time, so that a compiler turns each chunk into vectors.
 
 `WrittenJet` is for a small system: each coefficient is a value of the procedure. `ByOrderJet` loops over orders: it
 stores each vector that later orders read in a row of memory. Straight-line code computes the values of the present
@@ -21,7 +21,7 @@ from fractions import Fraction
 from functools import reduce
 from typing import Any
 
-from lagrange.algorithm.constants import WIDEST_VECTOR, whole_blocks
+from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.kernel.body import SOURCE
 from lagrange.algorithm.series.numbers import ALONE, SeriesNumbers, Start
 from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
@@ -30,9 +30,10 @@ from lagrange.algorithm.series.rules import (
     ChunkAt,
     OrderSums,
     Pair,
+    Row,
+    StoredOperands,
     Term,
     coefficient,
-    entries,
     fma,
     gathered,
     joined,
@@ -60,8 +61,8 @@ ANGLES_AT_ONCE = 8
 class JetBuilder:
     """Base class of builders of the procedure that computes the Taylor series at a state, order after order.
 
-    `origin` has the values at order 0, by the index of the series value, and `x` the coefficients of each chunk (vector
-    of values) at the present order. Inverses of mass matrices are written out up to the size `largest`.
+    `origin` has the values at order 0, by the index of the series value, and `x` the coefficients of each chunk
+    (vector of values) at the present order. Inverses of mass matrices are written out up to the size `largest`.
     """
 
     def __init__(
@@ -69,7 +70,7 @@ class JetBuilder:
     ) -> None:
         self.packing, self.numbers, self.layout, self.largest = packing, numbers, layout, largest
         self.program: SeriesProgram = packing.program
-        self.p = p = Builder(NAME, "Write the coefficients of the series, and say whether a matrix is singular.")
+        self.p = p = Builder(NAME, "Write the Taylor coefficients of a state. Return True if a matrix is singular.")
         self.t, self.scale = p.given("t", REAL), p.given("scale", REAL)
         self.y, self.prepared = p.array("y", read=True), p.array("prepared", read=True)
         p.array("constants", read=True)
@@ -97,7 +98,7 @@ class JetBuilder:
         for i in range(program.states):
             self.origin.setdefault(i, self.y[i])
         triangles, memory = iter(values[len(program.started) :]), self.matrices()
-        flags = [p.false if start.singular is None else Flag.of(start.singular.value)]
+        flags = [start.failed]
         for stage, known in zip(program.stages, self.numbers.systems(p, self.prepared), strict=True):
             if known is None:
                 known, singular = moving_system(p, stage.plan, triangles, memory, self.largest)
@@ -141,8 +142,8 @@ class JetBuilder:
 def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
     """Return x / k or scale * x / k, rounded once: x * (high + low), where two doubles give 1 / k or scale / k.
 
-    The rounded reciprocal of an order k has an error of the same sign at every step, which would add up. `low`
-    is None if that is negligible.
+    The rounded reciprocal of an order k has an error of the same sign at every step, and these errors would add up.
+    `low` is None if it is negligible.
     """
     if x is None:
         return None
@@ -150,11 +151,11 @@ def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
 
 
 def solved(jet: Any, stage_number: int, stage: PackedStage, guesses: Sequence[Term]) -> list[Term]:
-    """Return the coefficients of a linear system's unknowns at the present order k, a vector per chunk.
+    """Return the coefficients of a linear system's unknowns at the present order k, one vector for each chunk.
 
     They are guesses + M0^-1 (f[k-1] * scale / k - p^[k]), with the matrix M0 at order 0, the forces f, and the
-    momenta p^ computed with the `guesses` as unknowns. `jet` is the builder, `stage` the system and
-    `stage_number` its number.
+    momenta p^ computed with the `guesses` as unknowns. `jet` is the builder, `stage` the system and `stage_number`
+    its number.
     """
     right = []
     for force, momentum in zip(stage.right, stage.left, strict=True):
@@ -165,14 +166,14 @@ def solved(jet: Any, stage_number: int, stage: PackedStage, guesses: Sequence[Te
 
 
 HIGHEST_EXACT_ORDER = 10
-"""Highest order at which division by the order is rounded once. A later coefficient contributes so little to a step
-that the bias of its rounding is negligible.
+"""Highest order at which division by the order is rounded once. Coefficients of higher orders contribute so little to a
+step that the bias of their rounding is negligible.
 """
 
 PART, LATEST = 4, 2
-"""Number of products in each part of a sum, and number of latest products, which are added last. The products of a part
-wait for one another. In one chain, a sum of order 26 waits longer than all other operations of that order take: eight
-members of a pendulum took 154 ns, in parts 128 ns. The latest products wait for the previous order.
+"""`PART`: number of products in each partial sum. The products of a partial sum wait for one another. In one chain, a
+sum of order 26 waits longer than all other operations of that order take: eight members of a pendulum took 154 ns, with
+partial sums 128 ns. `LATEST`: number of products that are added last, because they wait for the previous order.
 """
 
 
@@ -302,7 +303,7 @@ class WrittenJet(JetBuilder):
         return self.reciprocals[operand]
 
     def share(self, x: Term) -> Term:
-        """Return scale * x / k: the order k of a value from the order k-1 of its derivative, x."""
+        """Return scale * x / k: the coefficient of order k of a value, from its derivative's coefficient x."""
         if x is None:
             return None
         high, low = reciprocal(self.k)
@@ -310,7 +311,10 @@ class WrittenJet(JetBuilder):
         return divided(self, x, self.scaled(high, width(x)), small)
 
     def scaled(self, factor: float, lanes: int) -> Term:
-        """Return the scale times `factor`, in each of the lanes. It is exact, because the scale is a power of two."""
+        """Return the unit of time (`scale`) times `factor`, repeated in each lane.
+
+        The product is exact, because the scale is a power of two.
+        """
         if (factor, lanes) not in self.shares:
             single = self.scale if factor == 1.0 else self.scale * factor
             if lanes > 1:
@@ -328,9 +332,9 @@ class WrittenJet(JetBuilder):
         return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= HIGHEST_EXACT_ORDER else None)
 
     def total(self, chunk: Chunk, number: int) -> Term:
-        """Return sum `number` in `chunk.sums` at the present order k: the sum of x[j] y[k-j] over 0 < j < k.
+        """Return sum `number` of the rule of a chunk: the sum of x[j] y[k-j] over 0 < j < k at the present order k.
 
-        It is an input of the chunk's rule. Its code is added once at each order.
+        Its code is added once at each order.
         """
         key = chunk, number, self.k
         if key not in self.totals:
@@ -371,51 +375,29 @@ LARGEST_INVERSE = 12
 """Largest inverse of a mass matrix that is written out. Lanes already hold members, so inner loops do not vectorize."""
 
 
-def read_later(packing: Packing) -> tuple[Operand, ...]:
-    """Return the operands that are stored at each order, because later orders read them.
+def by_order_layout(packing: Packing, width: int = 0, **parts: Any) -> TaylorLayout:
+    """Return the memory layout of a series computed in a loop over orders, with rows of the length `width`.
 
-    They are the factors of sums, the operands of the next order (integrands and forces) and dq/dt. With several lanes
-    operands that rules of higher orders read at order 0 are stored, too.
+    By default (0) a row has space for the state and the event functions only. `parts` are other fields.
     """
-    computed = packing.computed
-    summed = [operand for chunk in computed for pair in chunk.sums for operand in pair]
-    integrands = [chunk.args[0] for chunk in computed if chunk.op == "integral"]
-    forces = [force for stage in packing.stages for force in stage.right if force is not None]
-    initial = [operand for chunk in computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
-    return (*summed, *integrands, *forces, *packing.rates, *(initial if packing.lanes > 1 else ()))
+    scratch = sum(system_size(stage.plan, LARGEST_INVERSE) for stage in packing.program.stages)
+    return TaylorLayout.of(packing.program, width, scratch=scratch, **parts)
 
 
-class Row:
-    """Layout of the memory row of one order: indices of the state, the watched functions and stored operands.
+def run_layout(packing: Packing, width: int = 0) -> TaylorLayout:
+    """Return the layout of a series in a loop over orders for exported code and for ensemble members.
 
-    `places` has the index of each operand that later orders read, and `size` is the length of a row.
+    Steps are summed row by row, and events are only reported. By default (0) the length `width` of a row has space
+    for the state and the event functions only.
     """
-
-    def __init__(self, packing: Packing, watched_at: int) -> None:
-        self.places: dict[Operand, int] = {}
-        begin = 0
-        for chunk in packing.state:
-            if chunk.count == len(chunk.values):
-                self.places[chunk.whole] = begin
-            begin += chunk.count
-        self.size = watched_at + len(packing.program.watched)
-        for operand in read_later(packing):
-            if operand not in self.places:
-                lanes = len(operand.values)
-                self.places[operand] = whole_blocks(self.size, lanes)
-                self.size = self.places[operand] + lanes
-        self.size = whole_blocks(self.size, packing.lanes)
-
-
-def by_order_scratch(packing: Packing) -> int:
-    """Return the number of doubles of work memory that the linear systems of a series need."""
-    return sum(system_size(stage.plan, LARGEST_INVERSE) for stage in packing.program.stages)
+    return by_order_layout(packing, width, by_rows=True, observes=len(packing.program.watched) > 0)
 
 
 class ByOrderJet(JetBuilder):
     """Builder of the procedure that computes the Taylor coefficients in a loop over orders k.
 
-    `tile` is the largest number of sums that are computed together. With `paired` two orders are summed together.
+    `tile` is the largest number of sums over lower orders that one loop computes. With `paired` two orders are
+    summed together.
     """
 
     def __init__(
@@ -428,21 +410,16 @@ class ByOrderJet(JetBuilder):
         paired: bool = True,
     ) -> None:
         if layout is None:
-            program, width = packing.program, Row(packing, packing.program.states).size
-            ways = {"by_rows": True, "observes": len(program.watched) > 0}
-            layout = TaylorLayout.of(program, width, scratch=by_order_scratch(packing), **ways)
+            layout = run_layout(packing, Row(packing, packing.program.states).size)
         super().__init__(packing, numbers, layout, LARGEST_INVERSE)
         self.k: Whole = self.order
         self.rank = self.time = self.high = self.low = self.scale
         self.shares = self.scale, self.scale
         self.tile, self.paired = tile, paired
-        self.places = Row(packing, self.layout.watched_at).places
         self.operands: dict[Operand, Term] = {}
         """Operands that are gathered to vectors at the present order."""
         self.sums: Mapping[Pair, Term] = {}
-        """Sums over lower orders at the present order."""
-        self.stored, self.stored_width = self.rows, self.layout.width
-        """Memory of the operands that later orders read, and the length of its rows."""
+        """Sums over lower orders that rules at the present order read, by pair of factors."""
         self.row = self.stored_row = self.previous = self.rows
 
     def build(self) -> Procedure:
@@ -456,12 +433,13 @@ class ByOrderJet(JetBuilder):
             if isinstance(system, (Diagonal, Inverse)):
                 # The entries are gathered to vectors before the loop over orders.
                 system.read(stage.rows)
+        self.stored = self.storage()
         sums = self.order_sums()
         self.write_state(self.at_zero)
-        for operand, index in self.places.items():
+        for operand, index in self.stored.places.items():
             # The row of order 0 has zeros for operands that are multiplied by their order.
             lanes = len(operand.values)
-            put(p, self.stored, index, None if operand.ranked else self.at_zero(operand), lanes, lanes)
+            put(p, self.stored.memory, index, None if operand.ranked else self.at_zero(operand), lanes, lanes)
         guesses = [
             [p.variable(wide(p, None, len(chunk.values))) for chunk in stage.unknowns] if stage.plan.moving else None
             for stage in packing.stages
@@ -477,35 +455,39 @@ class ByOrderJet(JetBuilder):
         p.leave(self.singular)
         return p.finish(FLAG)
 
+    def storage(self) -> StoredOperands:
+        """Return the memory of the operands that later orders read: the caller's rows."""
+        return StoredOperands(self.rows, self.layout.width, Row(self.packing, self.layout.watched_at).places)
+
     def order_sums(self) -> OrderSums:
         """Return the builder of the code for the sums over lower orders."""
         pairs = (pair for chunk in self.packing.computed for pair in chunk.sums)
-        return OrderSums(self.p, pairs, self.places, self.stored, self.stored_width, self.tile, paired=self.paired)
+        return OrderSums(self.p, pairs, self.stored, self.tile, paired=self.paired)
 
     @contextmanager
     def each_order(self) -> Iterator[Whole]:
-        """Add a loop over the orders from 1 on; the body of the `with` statement adds the code of one order.
+        """Add a loop over the orders from 1 on. The body of the `with` statement adds the code of one order.
 
         With a mass matrix that depends on the state there is an iteration 0 as well: order 1 is computed twice.
         """
         p, moving = self.p, any(stage.plan.moving for stage in self.packing.stages)
         if moving:
-            p.note("Order 1 is computed twice, the second time from the velocities found first.")
+            p.note("Order 1 is computed twice, the second time with the result of the first as a guess.")
         with p.loop(0 if moving else 1, self.order + 1) as iteration:
             self.set_order(p.operation("max", iteration, 1) if moving else iteration)
             yield iteration
 
     def set_order(self, k: Whole) -> None:
-        """Set k as the present order: find its row and the previous one, and compute 1 / k and scale / k.
+        """Set k as the present order: find its row and the previous row, and compute 1 / k and scale / k.
 
         Both quotients are sums of two doubles.
         """
-        p, width = self.p, self.stored_width
-        self.stored_row, self.previous = self.stored.at(k * width), self.stored.at((k - 1) * width)
-        self.row = self.stored_row if self.stored is self.rows else self.rows.at(k * self.layout.width)
+        p = self.p
+        self.stored_row, self.previous = self.stored.row(k), self.stored.row(k - 1)
+        self.row = self.stored_row if self.stored.memory is self.rows else self.rows.at(k * self.layout.width)
         self.k, self.rank = k, p.real(k)
         self.high = 1.0 / self.rank
-        p.note("What 1 - k high leaves over is exact, and its share is the part of 1 / k that rounding lost.")
+        p.note("1 - k * high is exact. Times `high`, it is the rounding error of 1 / k.")
         self.low = p.fma(-self.rank, self.high, 1.0) * self.high
         self.shares = self.high * self.scale, self.low * self.scale
         self.time = p.choose(k.equals(1), self.scale, 0.0)
@@ -515,7 +497,7 @@ class ByOrderJet(JetBuilder):
         return self.time
 
     def share(self, x: Term) -> Term:
-        """Return scale * x / k: the order k of a value from the order k-1 of its derivative, x."""
+        """Return scale * x / k: the coefficient of order k of a value, from its derivative's coefficient x."""
         return divided(self, x, *self.shares)
 
     def part(self, x: Term) -> Term:
@@ -533,9 +515,9 @@ class ByOrderJet(JetBuilder):
     def solve(self, stage_number: int, stage: PackedStage, guess: Sequence[Any] | None, iteration: Whole) -> None:
         """Compute the unknowns of a linear system at the present order, then the values that depend on them.
 
-        `stage` is the system, and `stage_number` its number. Order 1 may be computed in two iterations. Then
-        `guess` has variables with the unknowns that the first one found; otherwise it is None. `iteration` is
-        the number of the present iteration.
+        `stage` is the system, and `stage_number` its number. If order 1 is computed in two iterations, `guess` has
+        variables with the unknowns of the first iteration; otherwise it is None. `iteration` is the number of the
+        present iteration.
         """
         p = self.p
         guesses = [None if guess is None else variable.value for variable in guess or [None] * len(stage.unknowns)]
@@ -553,19 +535,19 @@ class ByOrderJet(JetBuilder):
     def write(self) -> None:
         """Write the row of Taylor coefficients of the present order to memory."""
         self.write_state(self.now)
-        for operand, index in self.places.items():
+        for operand, index in self.stored.places.items():
             lanes = len(operand.values)
             put(self.p, self.stored_row, index, self.now(operand), lanes, lanes)
 
     def write_state(self, x: Any) -> None:
         """Write coefficients of the state and of the event functions to a row of memory.
 
-        `x` is a function that returns those of an operand: `at_zero` for the row of order 0, or `now` for the
-        row of the present order. Parts of the state that are stored as operands are left out.
+        `x` is a function that returns the coefficients of an operand: `at_zero` for the row of order 0, or `now` for
+        the row of the present order. Parts of the state that are stored as operands are left out.
         """
         begin, row = 0, self.rows if x == self.at_zero else self.row
         for chunk in self.packing.state:
-            if self.stored is not self.rows or self.places.get(chunk.whole) != begin:
+            if self.stored.memory is not self.rows or self.stored.places.get(chunk.whole) != begin:
                 put(self.p, row, begin, x(chunk.whole), len(chunk.values), chunk.count)
             begin += chunk.count
         for index, number in enumerate(self.program.watched, self.layout.watched_at):
@@ -580,12 +562,12 @@ class ByOrderJet(JetBuilder):
 
     def before(self, operand: Operand) -> Term:
         """Return the Taylor coefficients of an operand, a vector of series values, at the previous order."""
-        return entries(self.previous, self.places[operand], len(operand.values))
+        return self.stored.read(self.previous, operand)
 
     def first(self, operand: Operand) -> Term:
         """Return an operand, a vector of series values, at order 0."""
-        if self.packing.lanes > 1 and operand in self.places:
-            return entries(self.stored, self.places[operand], len(operand.values))
+        if self.packing.lanes > 1 and operand in self.stored.places:
+            return self.stored.read(self.stored.memory, operand)
         return self.at_zero(operand)
 
     def over(self, operand: Operand) -> Term:
@@ -593,5 +575,5 @@ class ByOrderJet(JetBuilder):
         return self.reciprocals[operand]
 
     def total(self, chunk: Chunk, number: int) -> Term:
-        """Return a sum of x[j] y[k-j] over 0 < j < k: number `number` of those that the rule of a chunk reads."""
+        """Return sum `number` of the rule of a chunk: the sum of x[j] y[k-j] over 0 < j < k at the present order k."""
         return self.sums[chunk.sums[number]]

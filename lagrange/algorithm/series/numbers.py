@@ -1,4 +1,4 @@
-"""The numbers of a series that depend on parameters alone, and their layout after the parameters in memory."""
+"""Constants of a Taylor series: numbers that depend on parameters alone, and where they are stored."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ FloatArray = NDArray[np.float64]
 class SeriesNumbers:
     """Layout of the numbers of a series that depend on parameters alone, in the prepared array from `begin` on.
 
-    The prepared array begins with the parameters. The numbers are: constants that are not known at compile
-    time, results of order 0 that need no state, and the inverses of constant matrices. With a `packing`,
-    constants joined to vectors follow, in the order in which its rules read them.
+    The prepared array begins with the parameters. The numbers are: constants that are not known at compile time,
+    results of order 0 that need no state, and the inverses of constant matrices. With a `packing`, constants joined
+    to vectors follow, in the order in which the rules of the packing read them.
     """
 
     def __init__(self, program: SeriesProgram, begin: int, packing: Packing | None = None) -> None:
@@ -61,7 +61,7 @@ class SeriesNumbers:
         Its argument is the prepared array, which begins with the parameters.
         """
         program = self.program
-        p = Builder("prepare_taylor", "Write the numbers of the series, and say whether a constant matrix is singular.")
+        p = Builder("prepare_taylor", "Write the numbers of the series. Return True if a constant matrix is singular.")
         held = p.array("p", size=self.begin + self.size)
         constants = Body(p, program.constants, Inputs(held, {}))
         constants.run(range(len(program.constants.instructions)))
@@ -101,24 +101,24 @@ class SeriesNumbers:
         return prepared
 
     def prepare_start(self, name: str) -> Procedure:
-        """Return the procedure `name` that computes those results of order 0 that need no state.
+        """Return the procedure `name` that computes the results of order 0 that need no state.
 
-        It reads the other numbers from the prepared array, and writes the results to it.
+        It reads the other numbers from the prepared array, and writes the results to this array.
         """
-        p = Builder(name, "Write the numbers of the start that depend on parameters alone.")
+        p = Builder(name, "Write the values of order 0 that depend on parameters alone.")
         held = p.array("p")
         table = [self.constant(held, index) for index in range(len(self.program.numbers))]
         start = Start(p, self, held, table, style=ALONE)
         start.run(range(self.program.start.hoisted))
         for ref, slot in self.slots.items():
             start.save(ref, held, slot)
-        p.leave(p.false if start.singular is None else start.singular.value)
+        p.leave(start.failed)
         return p.finish(FLAG)
 
     def vector(self, prepared: Memory, indices: tuple[int, ...], constants: Sequence[Real]) -> Term:
         """Return the constants of the series program with these `indices` as one vector.
 
-        It is read from the prepared array if it is stored there; else it is joined from the single `constants`.
+        The vector is read from the prepared array if it is stored there; else it is joined from the single `constants`.
         """
         if indices in self.vectors:
             return prepared.entries(self.begin + self.vectors[indices], len(indices))
@@ -131,9 +131,9 @@ class SeriesNumbers:
         return value
 
     def systems(self, p: Builder, prepared: Memory) -> Iterator[LinearSystem | None]:
-        """Yield for each linear system of the series: the system if its matrix is constant, else None.
+        """Yield for each linear system of the series: its solver if its matrix is constant, else None.
 
-        It is solved by the inverse of the matrix, which is stored in `prepared`.
+        The solver uses the inverse of the matrix, which is stored in `prepared`.
         """
         begin = self.begin + self.inverses
         for stage in self.program.stages:
@@ -167,10 +167,10 @@ class Start(Body):
     ) -> None:
         """Begin the code of order 0, before any instruction.
 
-        `prepared` has the parameters and the values that depend on them alone, and `constants` are the
-        constants of the series program. `time` and `state` are those at which the values are computed; None
-        where only numbers without a state are computed. The rounding error of the state begins at index
-        `padded` of its array. `style` says how the code is written.
+        `prepared` has the parameters and the values that depend on them alone, and `constants` are the constants of the
+        series program. The values are computed at `time` and `state`, which are None if only numbers without a state
+        are computed. The rounding error of the state begins at index `padded` of its array. `style` says how the code
+        is written.
         """
         slots = {} if state is None else numbers.slots
         super().__init__(p, numbers.program.start, Inputs(prepared, slots, time, state), style)
@@ -181,8 +181,8 @@ class Start(Body):
     def run_moving(self, width: int) -> None:
         """Add the instructions that depend on the state, with sines and cosines of several angles at once.
 
-        Up to `width` angles are joined to one vector. An angle that itself depends on a sine or cosine is
-        computed separately.
+        Up to `width` angles are joined to one vector. If an angle itself depends on a sine or cosine, its sine and
+        cosine are computed separately.
         """
         code, hoisted = self.program.instructions, self.program.hoisted
         angles = [ref for ref in dict.fromkeys(instruction.args[0] for instruction in self.places) if ref >= hoisted]
@@ -203,7 +203,7 @@ class Start(Body):
     def find_angles(self, angles: Sequence[int], most: int) -> None:
         """Add the sines and cosines of known angles, up to `most` angles together.
 
-        `angles` are the indices of the instructions that compute them.
+        `angles` are the indices of the instructions that compute the angles.
         """
         while len(angles) > 1:
             width = min(most, 1 << (len(angles) - 1).bit_length())

@@ -1,8 +1,8 @@
-"""Packing of a series' values with the same rule into vectors, and the cost of a step, which selects the order.
+"""Values of a Taylor series joined to vectors, and the cost of a step, which selects the order of the series.
 
-A chunk is a vector of values with the same rule at the same depth: 1, 2, 4 or 8 values, or of a multiple of 4 values
-for code with loops over the values. Its last lanes may repeat the last value. An operand is a vector of values that a
-chunk reads. Unless it is another chunk, it is gathered from several chunks.
+A chunk is a vector of values with the same rule at the same depth: 1, 2, 4 or 8 values, or a multiple of 4 values for
+code with loops over the values. Its last lanes may repeat the last value. An operand is a vector of values that a chunk
+reads. Unless it is another chunk, it is gathered from several chunks.
 
 The cost of a Taylor step, in about nanoseconds, selects the order of a series, and whether code has loops. The formulas
 are fits to the measured steps of nine systems, from a pendulum to 64 masses, at orders 6 to 24 (AMD Zen 4). Only ratios
@@ -28,7 +28,7 @@ from lagrange.program.series import LAGGED, SUMS, SeriesProgram, SeriesRule, Sta
 class Operand:
     """A vector of series values that rules read. `values` are their indices in the series program, by lane.
 
-    If `ranked`, the coefficient x[j] of order j is multiplied by j. The index `ZERO_LANE` stands for zero.
+    If `ranked`, the coefficient x[j] of order j is multiplied by j. The index `ZERO_LANE` means zero.
     """
 
     values: tuple[int, ...]
@@ -100,7 +100,7 @@ class PackedStage:
 
     @cached_property
     def rows(self) -> tuple[tuple[int, ...], ...]:
-        """The index of each unknown among the unknowns of the linear system, by chunk and lane."""
+        """For each chunk of unknowns and each lane, the index of the unknown in the linear system."""
         indices = {value: i for i, value in enumerate(self.system.unknowns)}
         return tuple(tuple(indices[value] for value in chunk.values) for chunk in self.unknowns)
 
@@ -109,8 +109,8 @@ class PackedStage:
 class Packing:
     """A series program packed into chunks: vectors of values with one rule, in the order of evaluation.
 
-    Chunks `before` come before the linear systems, the `stages`. `rates` are the operands of dq/dt. Chunks have
-    up to `lanes` values.
+    The chunks `before` are computed before the linear systems `stages`. `rates` are the operands of dq/dt. Chunks
+    have up to `lanes` values.
     """
 
     program: SeriesProgram
@@ -158,7 +158,7 @@ class Packing:
 
 
 ZERO_LANE = -1
-"""Entry of an operand in a lane that is zero."""
+"""Index in an operand for a lane whose value is always zero."""
 
 
 def pack(program: SeriesProgram, lanes: int) -> Packing:
@@ -211,8 +211,8 @@ def depth_first(packing: Packing, chunks: Sequence[Chunk]) -> tuple[Chunk, ...]:
 def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:
     """Return the groups of values that can be in one vector, by their common properties.
 
-    The groups are in the order of evaluation. `level` has for each value its place in that order, a pair that
-    `levels` returns.
+    The groups are in the order of evaluation. `level` has for each value a pair that orders the evaluation, as
+    `levels` returns it.
     """
     trials, founds = ([frozenset(part) for part in parts] for parts in (program.trials, program.found))
     groups: dict[_Group, list[int]] = {}
@@ -231,8 +231,8 @@ def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_G
 def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None]) -> tuple[Operand | None, ...]:
     """Return the values `outputs` of a linear system as operands, one for each chunk of unknowns.
 
-    `outputs` has the index of a value for each unknown, or None for zero. If all values of an operand are zero,
-    it is None.
+    `outputs` has the index of a value for each unknown, or None for zero. An operand whose values are all zero is
+    None.
     """
     known = dict(zip(stage.unknowns, outputs, strict=True))
     lanes = [[known[value] for value in chunk.values] for chunk in chunks]
@@ -337,9 +337,9 @@ class _Packer:
 def levels(program: SeriesProgram) -> list[tuple[int, int]]:
     """Return for each value of a series program its level, a pair of counts that orders the evaluation.
 
-    The first count is the length of the longest chain of values, up to this one, whose rules have sums over
-    lower orders. The second is the number of linear combinations after the last of them. Values of one level
-    can be computed together. Unknowns of linear systems are last.
+    The first count is the length of the longest chain of values, up to this one, whose rules have sums over lower
+    orders. The second count is the number of linear combinations after the last value of that chain. Values of one
+    level can be computed together. Unknowns of linear systems are last.
     """
     pairs: list[tuple[int, int]] = []
     for i, rule in enumerate(program.rules):
@@ -355,7 +355,7 @@ def levels(program: SeriesProgram) -> list[tuple[int, int]]:
 
 
 HIGHEST_ORDER = 32
-"""Highest order that may be chosen; the lowest is `LOWEST_ORDER` of Taylor steps."""
+"""Highest order that may be chosen for a Taylor series. The lowest order is `LOWEST_ORDER`."""
 
 
 @dataclass(frozen=True)
@@ -368,11 +368,10 @@ class Cost:
 
 
 COST_MARGIN = 1.07
-"""The lowest order within this factor of the least cost is chosen.
-
-The cost is flat there, and lower orders compile sooner, stay farther from the radius of convergence and have less
-rounding. At a tolerance of 1e-13 six scenes, from the pendulum to sun, earth and moon, run in 0.74 to 1.04 of the time
-of the order of least cost, and compile in 0.58 to 0.77 of its time.
+"""The lowest order whose cost is within this factor of the least cost is chosen. Costs hardly depend on the order
+there. Lower orders compile sooner, stay farther from the radius of convergence and have less rounding. At a tolerance
+of 1e-13 six scenes, from the pendulum to sun, earth and moon, run in 0.74 to 1.04 of the time of the order of least
+cost, and compile in 0.58 to 0.77 of its time.
 """
 
 
@@ -396,9 +395,9 @@ processor's cache, and takes more than a third of a second to compile.
 
 
 ROUNDING_TOLERANCE, HIGHEST_ROUNDED = 1e-14, 16
-"""Below this tolerance the order is at most the second number, except for the smallest systems. Rounding then is most
-of the error, and shorter steps average it. The outer solar system ends with an error of 2e-13 at order 16, and 5e-13 at
-order 20, in the same time.
+"""Below the tolerance `ROUNDING_TOLERANCE` the order is at most `HIGHEST_ROUNDED`, except for the smallest systems.
+Rounding then is most of the error, and shorter steps average it. The outer solar system ends with an error of 2e-13 at
+order 16, and 5e-13 at order 20, in the same time.
 """
 
 
@@ -428,7 +427,7 @@ def inversion_size(packing: Packing, *, looped: bool) -> int:
 def operations(packing: Packing, order: int) -> int:
     """Return the number of vector operations of a series without loops, up to an order.
 
-    It counts sums, rules, the values of order 0, and the inverses of matrices.
+    Sums, rules, the values of order 0, and the inverses of matrices are counted.
     """
     program = packing.program
     inverse = inversion_size(packing, looped=False) // 2

@@ -1,12 +1,12 @@
-"""The rules of a series: the coefficient of a value at order k, from lower orders and from its arguments.
+"""Recurrences of Taylor coefficients: the coefficient of a value at order k from lower orders and from its arguments.
 
 `ChunkAt` reads the inputs of a rule. A number or vector is None if it is exactly zero. A vector is gathered from
 entries of several values; with one entry it is a real number.
 
-The operands of the sums are in rows, one row of coefficients for each order. If `paired`, an odd order and the next
-order are summed together, over the orders before both: each number that is read from memory then serves two sums. The
-products with the odd order itself are added at the even order. The sums are computed in tiles, whose totals stay in
-registers. Sums with a common factor are adjacent, and read it once.
+The operands of the sums over lower orders are in rows, one row of coefficients for each order. If `paired`, an odd
+order and the next order are summed together, over the orders before both: each number that is read from memory then
+serves two sums. The products with the odd order itself are added at the even order. A loop computes several sums, whose
+totals stay in registers. Sums with a common factor are adjacent, and read this factor once.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate, groupby
 from typing import Any, NamedTuple
 
+from lagrange.algorithm.constants import whole_blocks
 from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, Packing
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.values import Entries, Flag, Memory, Real, Variable, Whole
@@ -26,11 +27,11 @@ Term = Any
 
 
 class ChunkAt:
-    """Reads the inputs of the rule of a chunk (a vector of like values), at the present order k of a builder.
+    """Reads the inputs of the rule of a chunk (values with one rule) at the present order k of a builder.
 
-    `series` is the builder. In the methods, `number` is the index of an argument, of a sum or of a coefficient
-    of the rule. `OWN` as an argument is the value that the rule computes. `share(x)` is scale * x / k, with the
-    unit of time as scale, and `part(x)` is x / k.
+    `series` is the builder. In the methods, `number` is the index of an argument, of a sum or of a coefficient of
+    the rule. `OWN` as an argument is the value that the rule computes. `share(x)` is scale * x / k, with the unit
+    of time as scale, and `part(x)` is x / k.
     """
 
     def __init__(self, series: Any, chunk: Chunk) -> None:
@@ -39,7 +40,7 @@ class ChunkAt:
         self.share, self.part = series.share, series.part
 
     def operand(self, number: int) -> Operand:
-        """Return the operand that is argument `number` of the rule; for OWN the values that it computes."""
+        """Return the operand that is argument `number` of the rule; for `OWN` the values that the rule computes."""
         return self.chunk.whole if number == OWN else self.chunk.args[number]
 
     def now(self, number: int) -> Term:
@@ -51,7 +52,7 @@ class ChunkAt:
         return self.series.before(self.operand(number))
 
     def first(self, number: int) -> Term:
-        """Return argument `number` of the rule at order 0; for OWN the values that the rule computes."""
+        """Return argument `number` of the rule at order 0. For `OWN` return the values that the rule computes."""
         first = self.series.first(self.operand(number))
         return self.p.real(0.0) if first is None else first
 
@@ -60,7 +61,7 @@ class ChunkAt:
         return self.series.total(self.chunk, number)
 
     def over(self, number: int) -> Term:
-        """Return 1 / argument `number` of the rule at order 0; for OWN 1 / the values that it computes."""
+        """Return 1 / argument `number` of the rule at order 0; for `OWN` 1 / the values that the rule computes."""
         return self.series.over(self.operand(number))
 
     def known(self, number: int) -> float | None:
@@ -159,10 +160,10 @@ def _sqrt(at: ChunkAt) -> Term:
 
 
 def _flat(at: ChunkAt, zeroed: Term, coefficient: Term) -> Term:
-    """Return the coefficient of a root or power, also where it cannot be divided by its divisor at order 0.
+    """Return the coefficient of a root or power, also if its divisor at order 0 is zero.
 
-    It is `coefficient` unless this divisor, `zeroed`, is zero. Then it is 0 if the argument's coefficient of
-    the present order is zero, else NaN.
+    `coefficient` is the result for a nonzero divisor, and `zeroed` is the divisor. If the divisor is zero, the
+    result is 0 if the argument's coefficient of the present order is zero, else NaN.
     """
     p, now = at.p, at.now(0)
     still = p.true if now is None else now.equals(0.0)
@@ -223,8 +224,8 @@ _RULES: Mapping[str, Callable[[ChunkAt], Term]] = {
 
 
 LARGEST_STORED_BLOCK = 8
-"""Largest block by which incomplete vectors are stored, unless they are longer. Each block is half as long as the one
-before, or shorter.
+"""Largest block in which an incomplete vector is stored, unless the vector is longer. Each block is half as long as the
+previous one, or shorter.
 """
 
 
@@ -236,7 +237,7 @@ def width(x: Real | Entries) -> int:
 def joined(p: Builder, parts_of: Sequence[tuple[Term, int]]) -> Term:
     """Return a vector with one entry for each of `parts_of`, the pairs (value, index of an entry in the value).
 
-    A value of None is zero. If all are None, so is the result.
+    A value of None is zero. If all values are None, the result is None.
     """
     if all(x is None for x, _ in parts_of):
         return None
@@ -264,7 +265,7 @@ def gathered(p: Builder, packing: Packing, operand: Operand, x: Callable[[Chunk]
 
 
 def wide(p: Builder, x: Term, size: int) -> Real | Entries:
-    """Return a vector of `size` entries: a vector, or a number repeated. None gives zeros."""
+    """Return x as a vector of `size` entries. A number is repeated, and None gives zeros."""
     value = p.real(0.0) if x is None else x
     return p.broadcast(value, size) if size > width(value) else value
 
@@ -296,15 +297,17 @@ Pair = tuple[Operand, Operand]
 """The factors x and y of a sum of x[j] y[k-j] over 0 < j < k."""
 
 TILE = 24
-"""Largest number of sums in a tile: their accumulators take 24 of 32 vector registers; the others hold factors."""
+"""Largest number of sums that one loop computes: their accumulators take 24 of 32 vector registers; the others hold
+factors.
+"""
 
 
 class OrderSum(NamedTuple):
-    """A vector of sums of x[j] y[k-j] over 0 < j < k. Its totals are stored side by side from `place` on.
+    """A vector of sums of x[j] y[k-j] over 0 < j < k. Its totals are adjacent in memory, from index `place` on.
 
-    `pair` are the factors (x, y) as the rule names them. The same factors are also named by their use: `lower`
-    is read at order j, and `upper` at order k - j. Exchanging them does not change the sum. Sums with the same
-    `upper` factor are adjacent, and read it once.
+    `pair` are the factors (x, y) as the rule names them. The same factors are also named by their use: `lower` is
+    read at order j, and `upper` at order k - j. Exchanging them does not change the sum. Sums with the same `upper`
+    factor are adjacent, and read it once.
     """
 
     place: int
@@ -318,27 +321,74 @@ class OrderSum(NamedTuple):
         return len(self.lower.values)
 
 
+def read_later(packing: Packing) -> tuple[Operand, ...]:
+    """Return the operands that are stored at each order, because later orders read them.
+
+    They are the factors of sums, the operands of the next order (integrands and forces) and dq/dt. With several
+    lanes, operands that rules of higher orders read at order 0 are also stored.
+    """
+    computed = packing.computed
+    summed = [operand for chunk in computed for pair in chunk.sums for operand in pair]
+    integrands = [chunk.args[0] for chunk in computed if chunk.op == "integral"]
+    forces = [force for stage in packing.stages for force in stage.right if force is not None]
+    initial = [operand for chunk in computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
+    return (*summed, *integrands, *forces, *packing.rates, *(initial if packing.lanes > 1 else ()))
+
+
+class Row:
+    """Layout of the memory row of one order: indices of the state, the watched functions and stored operands.
+
+    `places` has the index of each operand that later orders read, and `size` is the length of a row.
+    """
+
+    def __init__(self, packing: Packing, watched_at: int) -> None:
+        self.places: dict[Operand, int] = {}
+        begin = 0
+        for chunk in packing.state:
+            if chunk.count == len(chunk.values):
+                self.places[chunk.whole] = begin
+            begin += chunk.count
+        self.size = watched_at + len(packing.program.watched)
+        for operand in read_later(packing):
+            if operand not in self.places:
+                lanes = len(operand.values)
+                self.places[operand] = whole_blocks(self.size, lanes)
+                self.size = self.places[operand] + lanes
+        self.size = whole_blocks(self.size, packing.lanes)
+
+
+class StoredOperands(NamedTuple):
+    """Memory of the operands that later orders read: a row of coefficients for each order.
+
+    `memory` has the rows, each of `width` reals, and `places` is the index of each operand in a row.
+    """
+
+    memory: Memory
+    width: int
+    places: Mapping[Operand, int]
+
+    def row(self, order: Whole | int) -> Memory:
+        """Return the row of memory that has the coefficients of an order."""
+        return self.memory.at(order * self.width)
+
+    def read(self, row: Memory, operand: Operand) -> Term:
+        """Return the coefficients of an operand, read from a row."""
+        return entries(row, self.places[operand], len(operand.values))
+
+
 class OrderSums:
     """Builds the code for all sums of x[j] y[k-j] over 0 < j < k that rules read at an order k.
 
-    The coefficients are in `rows`, one row for each order, `width` reals apart. `pairs` are the factors (x, y),
-    and `places` are the indices of the factors in a row. `tile` is the largest number of sums in a tile. With
-    `paired` two orders are summed together. Both ways add the products of a sum in the same order.
+    `pairs` are the factors (x, y), which are in the memory `stored`. `tile` is the largest number of sums that
+    one loop computes. With `paired` two orders are summed together. The products of a sum are added in the same
+    order with and without `paired`.
     """
 
     def __init__(
-        self,
-        p: Builder,
-        pairs: Iterable[Pair],
-        places: Mapping[Operand, int],
-        rows: Memory,
-        width: int,
-        tile: int = TILE,
-        *,
-        paired: bool = True,
+        self, p: Builder, pairs: Iterable[Pair], stored: StoredOperands, tile: int = TILE, *, paired: bool = True
     ) -> None:
-        self.p, self.places, self.rows, self.width, self.tile, self.paired = p, places, rows, width, tile, paired
-        different = dict.fromkeys(pairs)
+        self.p, self.stored, self.tile, self.paired = p, stored, tile, paired
+        different, places = dict.fromkeys(pairs), stored.places
         uses = Counter(kept for pair in different for kept in pair)
         known = [(pair, sorted(pair, key=lambda kept: (uses[kept], -places[kept]))) for pair in different]
         known.sort(key=lambda item: (places[item[1][1]], places[item[1][0]]))
@@ -355,7 +405,7 @@ class OrderSums:
     def at(self, k: Whole) -> Mapping[Pair, Term]:
         """Add the code for all sums at an order k, and return them by pair of factors (x, y).
 
-        A sum is that of x[j] y[k-j] over 0 < j < k. The sums at order k - 1 must have been computed before.
+        Each sum is the sum of x[j] y[k-j] over 0 < j < k. The sums at order k - 1 must have been computed before.
         """
         p, totals = self.p, None
         even = (k - k // 2 * 2).equals(0)
@@ -367,7 +417,7 @@ class OrderSums:
         return {pair: total for tile in self.tiles(self.tile) for pair, total in self.completed(tile, totals, k, even)}
 
     def tiles(self, size: int) -> Iterator[Sequence[OrderSum]]:
-        """Yield the vectors of sums of x[j] y[k-j] in tiles: at most `size` vectors, computed together."""
+        """Yield the vectors of sums in groups of at most `size` vectors; one loop computes a group."""
         tile: list[OrderSum] = []
         for _, group in groupby(self.sums, key=lambda order_sum: order_sum.upper):
             members = list(group)
@@ -384,17 +434,18 @@ class OrderSums:
     def sum_two(self, sums: Sequence[OrderSum], k: Whole) -> None:
         """Write the sums of x[j] y[k-j] over 0 < j < k at an odd order k, and most of each sum at order k + 1.
 
-        The latter lack the products with coefficients of order k, which are not known yet.
+        The sums at order k + 1 lack the products with coefficients of order k, which are not known yet.
         """
         p = self.p
         first, second = ([p.variable(wide(p, None, order_sum.lanes)) for order_sum in sums] for _ in range(2))
-        factors = self.factors(sums, self.row(k - 1))
-        self.add(sums, first, self.row(1), factors)
+        row = self.stored.row
+        factors = self.factors(sums, row(k - 1))
+        self.add(sums, first, row(1), factors)
         before = {kept: p.variable(x) for kept, x in factors.items()}
         with p.loop(2, k) as j:
-            factors = self.factors(sums, self.row(k - j))
-            self.add(sums, first, self.row(j), factors)
-            self.add(sums, second, self.row(j), {kept: variable.value for kept, variable in before.items()})
+            factors = self.factors(sums, row(k - j))
+            self.add(sums, first, row(j), factors)
+            self.add(sums, second, row(j), {kept: variable.value for kept, variable in before.items()})
             for kept, x in factors.items():
                 before[kept].value = x
         for order_sum, total, following in zip(sums, first, second, strict=True):
@@ -404,11 +455,11 @@ class OrderSums:
     def completed(
         self, sums: Sequence[OrderSum], totals: Memory | None, k: Whole, even: Flag
     ) -> Iterator[tuple[Pair, Term]]:
-        """Return pairs (factors, sum) for the sums of a tile at order k.
+        """Return pairs (factors, sum) for the vectors of sums `sums` at order k.
 
-        The memory `totals` has what `sum_two` has added. At an `even` order the products with order k - 1 are added
-        to it, in loops of one iteration or none. With branches instead of these loops the outer solar system takes
-        1.08 times as long. If `totals` is None all products are added, in the same order.
+        The memory `totals` has the partial sums of `sum_two`. At an `even` order the products with order k - 1 are
+        added to them, in loops of one iteration or none. With branches instead of these loops the outer solar system
+        takes 1.08 times as long. If `totals` is None all products are added, in the same order.
         """
         p, variables = self.p, []
         for order_sum in sums:
@@ -418,12 +469,12 @@ class OrderSums:
         end = p.whole(even & (k > 2)) + 1
         for first, stop in ((end if before is None else before, k), (1, end)):
             with p.loop(first, stop) as j:
-                self.add(sums, variables, self.row(j), self.factors(sums, self.row(k - j)))
+                self.add(sums, variables, self.stored.row(j), self.factors(sums, self.stored.row(k - j)))
         return ((order_sum.pair, total.value) for order_sum, total in zip(sums, variables, strict=True))
 
     def factors(self, sums: Sequence[OrderSum], row: Memory) -> dict[Operand, Term]:
         """Return the coefficients of the factor `upper` of each sum, read from a row, each factor once."""
-        return {kept: self.read(row, kept) for kept in dict.fromkeys(order_sum.upper for order_sum in sums)}
+        return {kept: self.stored.read(row, kept) for kept in dict.fromkeys(order_sum.upper for order_sum in sums)}
 
     def add(
         self, sums: Sequence[OrderSum], totals: Sequence[Variable], row: Memory, factors: Mapping[Operand, Term]
@@ -433,47 +484,38 @@ class OrderSums:
         The factors `lower` are read from `row`; the factors `upper` are in `factors`.
         """
         for order_sum, total in zip(sums, totals, strict=True):
-            total.value = self.p.fma(self.read(row, order_sum.lower), factors[order_sum.upper], total.value)
-
-    def read(self, row: Memory, kept: Operand) -> Term:
-        """Return the coefficients of the operand `kept`, read from a row."""
-        return entries(row, self.places[kept], len(kept.values))
-
-    def row(self, order: Whole | int) -> Memory:
-        """Return the row of memory that has the coefficients of an order."""
-        return self.rows.at(order * self.width)
+            lower = self.stored.read(row, order_sum.lower)
+            total.value = self.p.fma(lower, factors[order_sum.upper], total.value)
 
 
 class SumsAtUse(OrderSums):
-    """Builds the code for sums where a rule first reads them, a tile at a time.
+    """Builds the code for sums over lower orders where a rule first reads them, a group at a time.
 
-    `pairs` are in the order of use. A tile has the sums that are used next, so that totals stay in registers. Single
-    orders are summed.
+    `pairs` are in the order of use. One loop computes the sums that are used next, so that totals stay in
+    registers. Each order is summed separately.
     """
 
-    def __init__(
-        self, p: Builder, pairs: Iterable[Pair], places: Mapping[Operand, int], rows: Memory, width: int, tile: int
-    ) -> None:
+    def __init__(self, p: Builder, pairs: Iterable[Pair], stored: StoredOperands, tile: int) -> None:
         self.used = {pair: index for index, pair in enumerate(dict.fromkeys(pairs))}
-        super().__init__(p, self.used, places, rows, width, tile, paired=False)
+        super().__init__(p, self.used, stored, tile, paired=False)
         self.sums.sort(key=lambda order_sum: self.used[order_sum.pair])
 
     def at(self, k: Whole) -> Mapping[Pair, Term]:
-        """Return the sums at an order k by pair of factors (x, y). The code of a sum is added when it is looked up."""
+        """Return the sums at an order k by pair of factors (x, y). The code of a sum is added at its first lookup."""
         return _Tiles(self, k)
 
     def tile_of(self, pair: Pair, k: Whole) -> dict[Pair, Term]:
-        """Add the code for the tile with the sum of a pair at an order k, and return its sums by pair."""
+        """Add the code for a group of sums, with the sum of a `pair`, at an order k. Return the sums by pair."""
         first = self.used[pair] // self.tile * self.tile
         sums = self.sums[first : first + self.tile]
         totals = [self.p.variable(wide(self.p, None, order_sum.lanes)) for order_sum in sums]
         with self.p.loop(1, k) as j:
-            self.add(sums, totals, self.row(j), self.factors(sums, self.row(k - j)))
+            self.add(sums, totals, self.stored.row(j), self.factors(sums, self.stored.row(k - j)))
         return {order_sum.pair: total.value for order_sum, total in zip(sums, totals, strict=True)}
 
 
 class _Tiles(dict[Pair, Term]):
-    """The sums at one order, by pair of factors. The code of a sum and of its tile is added at the first lookup."""
+    """The sums at one order, by pair of factors. The code of a sum and its group is added at the first lookup."""
 
     def __init__(self, sums: SumsAtUse, k: Whole) -> None:
         super().__init__()

@@ -1,7 +1,7 @@
-"""The linear systems of a series: each matrix is inverted or factored at order 0, and used at every order.
+"""Linear systems of a Taylor series: each matrix is inverted or factored at order 0, and used at every order.
 
-A small matrix is inverted, so that a solution is a product. Pivoting is used if a pivot is too small. Sparse
-matrices of systems with Lagrange multipliers are factored instead.
+A small matrix is inverted, so that a solution is a product. Pivoting is used if a pivot is too small. Sparse matrices
+of systems with Lagrange multipliers are factored instead.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Triangle = dict[tuple[int, int], Real]
 
 
 Rows = Sequence[Sequence[int]]
-"""Rows of a system that each vector of unknowns contains. A last row may be repeated."""
+"""For each vector of unknowns, the indices of its unknowns in the system, by lane. The last index may be repeated."""
 
 
 class LinearSystem(Protocol):
@@ -38,13 +38,13 @@ MOST_INVERSE_COLUMNS = 32
 """Largest size of an inverse in memory whose product with a vector is written out."""
 
 ALL = 1_000_000
-"""Limit on the size of inverses that are written out, if all are, including sparse ones."""
+"""Value of `largest` with which all inverses are written out, including sparse ones."""
 
 
 def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
     """Return the number of doubles of memory for the inverse or the factors of a matrix that depends on the state.
 
-    Inverses up to the size `largest` are written out, and take none.
+    Inverses up to the size `largest` are written out, and need no memory.
     """
     if not plan.inverted or largest == ALL:
         return 0
@@ -59,8 +59,8 @@ def moving_system(
 ) -> tuple[LinearSystem, list[Flag]]:
     """Return the solver of a linear system whose matrix depends on the state, and flags for singular blocks.
 
-    `plan` describes the structure of the matrix, and `entries` are the values of its lower triangle. Inverses
-    up to the size `largest` are values of the procedure; others are in `memory`.
+    `plan` describes the structure of the matrix, and `entries` are the values of its lower triangle. Inverses up to
+    the size `largest` are values of the procedure; larger inverses are in `memory`.
     """
     blocks = _triangles(plan, entries)
     if plan.diagonal:
@@ -90,7 +90,7 @@ def constant_size(plan: SolvePlan) -> int:
 def constant_inverse(p: Builder, plan: SolvePlan, entries: Iterator[Real], to: Memory) -> list[Flag]:
     """Write the inverse of a constant matrix to memory by columns, or the reciprocals of a diagonal matrix.
 
-    `entries` are those of the matrix's lower triangle. Return flags that are true if the matrix is singular.
+    `entries` are the entries of the matrix's lower triangle. Return flags that are true if the matrix is singular.
     """
     blocks, n = _triangles(plan, entries), plan.size
     if plan.diagonal:
@@ -128,7 +128,7 @@ def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
 
 
 class Diagonal:
-    """A linear system with a diagonal matrix, solved by the reciprocals of its entries."""
+    """A linear system with a diagonal matrix, solved by the reciprocals of its diagonal entries."""
 
     def __init__(self, p: Builder, reciprocals: Mapping[int, Real]) -> None:
         self.p, self.reciprocals = p, reciprocals
@@ -150,7 +150,7 @@ class Diagonal:
 
 
 class Inverse:
-    """A linear system solved by the inverse of its matrix, each entry of which is a value of the procedure."""
+    """A linear system solved by the inverse of its matrix. Each entry of the inverse is a value of the procedure."""
 
     def __init__(self, p: Builder, size: int, entries: Triangle) -> None:
         self.p, self.size, self.entries = p, size, entries
@@ -258,10 +258,10 @@ def _is_small(plan: SolvePlan, largest: int) -> bool:
 
 
 def _triangles(plan: SolvePlan, entries: Iterator[Real]) -> list[tuple[tuple[int, ...], Triangle]]:
-    """Divide a matrix into its blocks. Return for each one its unknowns and its lower triangle.
+    """Divide a matrix into its blocks. Return for each block the indices of its unknowns and its lower triangle.
 
-    The unknowns are given by their indices, the triangle as values by index pair. `entries` are the values of
-    the lower triangle of the whole matrix, in the order of the plan.
+    The triangle has values by index pair. `entries` are the values of the lower triangle of the whole matrix, in
+    the order of the plan.
     """
     position = {unknown: (number, i) for number, block in enumerate(plan.blocks) for i, unknown in enumerate(block)}
     triangles: list[Triangle] = [{} for _ in plan.blocks]
@@ -310,10 +310,10 @@ def _inverted(
     inverse: Memory,
     work: Memory,
 ) -> Flag:
-    """Write the inverse of a symmetric matrix to `inverse`, by columns. Return the flag that it is singular.
+    """Write the inverse of a symmetric matrix to `inverse`, by columns. Return a flag: true if it is singular.
 
-    `blocks` has for each block the indices of its unknowns and its lower triangle. `matrix` is memory for the
-    whole matrix, and `work` is work memory.
+    `blocks` has for each block the indices of its unknowns and its lower triangle. `matrix` is memory for the whole
+    matrix, and `work` is work memory.
     """
     n, placed = plan.size, {}
     for block, lower in blocks:
@@ -344,7 +344,7 @@ def _factored(
 class _FactoredBlock:
     """The factors of one block of a matrix in memory: the entries of L, then factors with pivoting.
 
-    The latter are computed if a pivot is too small without pivoting.
+    The factors with pivoting are computed if a pivot is too small without pivoting.
     """
 
     def __init__(
