@@ -1,13 +1,13 @@
-"""Constants of events: noise, limits of root isolation, simultaneous and accumulating events, restart after a reset."""
+"""Constants of event location: noise thresholds, limits of root isolation, simultaneous events, steps after a reset."""
 
 from __future__ import annotations
 
 EPSILON = 2.0**-52
 
 POLYNOMIAL_NOISE = 8 * EPSILON
-"""Least noise of a polynomial on a step, relative to sum |c[k] h**k|. It was measured after 30 halvings around simple,
-double and close roots of random polynomials up to degree 40 (64). Bernstein coefficients then have errors of at most
-3.6 (4.6) EPSILON, those within 64 EPSILON of zero 0.9 (1.2).
+"""Least noise of a polynomial on a step, relative to sum |c[k] h**k|. The value was measured after 30 halvings around
+simple, double and close roots of random polynomials up to degree 40 (64). Bernstein coefficients then have errors of at
+most 3.6 (4.6) EPSILON, and coefficients within 64 EPSILON of zero have errors of at most 0.9 (1.2) EPSILON.
 """
 
 DEEPEST_HALVING = 50
@@ -35,13 +35,15 @@ NARROWEST = 2.0**-DEEPEST_HALVING
 """Width of the smallest part of a step, which is not halved again."""
 
 SURELY = 1.001
-"""Safety factor in comparisons of two sums: covers the rounding errors of both."""
+"""Safety factor in comparisons of two sums. It covers the rounding errors of both sums."""
 
 UNFIT, TOO_MANY = -1, -2
 """Codes in place of the number of roots: coefficients that are not finite; more roots than the arrays can hold."""
 
 NOISE = 4 * 2.0**-52
-"""Rounding error of the state, at a step and at the previous one, as a factor of an expression's sensitivity."""
+"""Rounding error of an event function at an accepted state, as a multiple of its sensitivity to relative changes of the
+state. It covers the rounding of this step and of the previous one.
+"""
 
 DENSE_ROUND_OFF = 64 * EPSILON
 """Rounding error of a dense output, relative to the variation of the function on a step. The weights of DOP853 leave
@@ -54,22 +56,25 @@ factor.
 """
 
 TAIL = 8.0
-"""Estimate of the unresolved part of a function, as a multiple of its last coefficients."""
+"""The part of a function that its polynomial does not resolve is estimated as this multiple of the last coefficients.
+"""
 
 TINY = 64 * 2.0**-1074
 """Smallest size that differs from zero: 64 spacings of the smallest doubles."""
 
 LARGEST_NOISE = 1e-8
-"""If the noise exceeds this fraction of a function, the function counts as noise."""
+"""Largest size of the last coefficients, as a fraction of the function, that may count as noise."""
 
 STEP_HALVINGS = 500
-"""Largest number of halvings of one step. Then the caller examines the function. It suffices for some tens of roots."""
+"""Largest number of halvings of one step. A function that needs more is irregular, and the caller examines it. Some
+tens of roots need fewer.
+"""
 
 TOGETHER = 4 * 2.0**-52
 """Zeros at a distance below this fraction of the time count as simultaneous."""
 
 CROSSING = 2
-"""Code in place of a direction: both directions count, but a touch of zero does not."""
+"""Code in place of a direction: zeros count in both directions, but a touch of zero does not count."""
 
 CLEAR_FACTOR = 16.0
 """An event function within rounding of zero at its start is compared with this initial value until it is larger by this
@@ -77,11 +82,14 @@ factor. Otherwise a ball that is below the floor by rounding would meet the floo
 """
 
 CLOSEST = 64 * 2.0**-52
-"""If changes by one event or surface follow each other within this fraction of the time, they count as an accumulation.
+"""If changes of the motion by one event or surface follow each other within this fraction of the time, they accumulate,
+as the impacts of a ball that comes to rest.
 """
 
 NOISE_HALVES = 8.0
-"""Noise of one state, in half spacings of doubles."""
+"""The constant `NOISE` as a multiple of 2**-53. This unit is the rounding error of a state in one step, as a fraction
+of the state.
+"""
 
 MOST_BETWEEN_REVIEWS = 256
 """Largest number of steps between two reviews if an event may end the motion. Steps after that event are discarded."""
@@ -95,15 +103,21 @@ because successive intervals are similar.
 """
 
 SHORTEST_RESTART = 256 * 2.0**-52
-"""Lower bound of that first step, as a fraction of the time. If shorter steps are needed, the run reports that time
-does not advance.
+"""Lower bound of the first step after a reset, as a fraction of the time. If shorter steps are needed, the run reports
+that time does not advance.
 """
 
 ALONG = 2.0**-16
-"""Fraction of a step over which the direction of the motion through zero is compared with that of its dense output."""
+"""Fraction of a step by which a state is moved along its slope, to test whether an event function passes zero there in
+the direction that the dense output shows.
+"""
 
 CLEARLY = 8.0
-"""Least change of an event function in that test, as a multiple of its noise."""
+"""Least change of an event function over twice the fraction `ALONG` of a step, as a multiple of its noise. A smaller
+change leaves its direction open.
+"""
 
 JUMP = 1e-4
-"""A watched function above this fraction of its largest term is not zero: at a change of its sign it has jumped."""
+"""An event function or switching surface above this fraction of its largest term is not zero. If its sign changes
+there, it has jumped.
+"""

@@ -1,8 +1,8 @@
-"""Loop over steps with events: take steps, search them, go back to the first change of the motion.
+"""Loop over steps with events: take steps, search them for events, go back to an event that changes the motion.
 
-The search is called review. A change is an event at which the motion changes: a reset of the state, another
-law, or the end of the run. A reset after which the motion leaves zero is applied here. Irregular events are
-left to the caller, together with the steps that are not reviewed yet.
+The search is called review. A change of the motion is a reset of the state, other equations of motion, or the end of
+the run. A reset after which the event function leaves zero is applied here. Irregular events are left to the caller,
+together with the steps that are not reviewed yet.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ the entries of the state that are reset.
 """
 
 NUMBERS, COUNTED = len(RUN.fields), len(COUNTS.fields)
-"""Number of reals and counts of a run. The floors follow the reals."""
+"""Number of reals and number of counts of a run. In the array of reals the absolute tolerances (floors) of the state's
+entries follow.
+"""
 
 T, END, H, SHARE, PREVIOUS, START, STEP = (
     RUN.places[name] for name in ("t", "end", "h", "share", "previous", "start", "step")
@@ -85,7 +87,7 @@ class EventRun:
     """Index of the first step to review, from 1 on."""
 
     before: int
-    """1 if row 0 is the state before row 1, and belongs to the same motion."""
+    """1 if row 0 is the state before row 1, without a reset or another change of the motion between them."""
 
     outcome: int
     """`Outcome` with which the driver returned after these steps."""
@@ -94,7 +96,7 @@ class EventRun:
     """Number of rows that were written before these steps."""
 
     proven: int
-    """Number of zeros that were written on earlier steps."""
+    """Number of zeros that were written on steps before these."""
 
     budget: int
     """Number of steps that the caller allows."""
@@ -109,46 +111,49 @@ class EventRun:
     """Number of steps before the next review."""
 
     since: int
-    """Number of steps since the present motion began."""
+    """Number of steps since the start of the run or the last change of the motion, such as a reset."""
 
     fixed: int
     """1 if all steps have equal length, 0 with error control."""
 
     both: int
-    """1 if the dense output of a step needs the next step: the first step of a motion waits for the second."""
+    """1 if the dense output of a step needs the next step. Then the first step after a start or reset waits for the
+    second.
+    """
 
     resets: int
     """1 if the state may be reset in the loop."""
 
     starts: int
-    """1 if the motion starts at row 1."""
+    """1 if row 1 is the start of the run, or the state after a reset or another change of the motion."""
 
     jumps: int
     """Number of resets of the state so far."""
 
     changed_at: int
-    """Number of steps of the run when the motion began, or changed last."""
+    """Number of steps that the run had taken at its last change of the motion, such as a reset; 0 before the first."""
 
     breaks: int
-    """Number of changes of the motion that are written."""
+    """Number of changes of the motion, such as resets, that are written to the arrays of breaks."""
 
     break_room: int
-    """Number of changes of the motion that the arrays can hold."""
+    """Number of changes of the motion, such as resets, that fit in the arrays of breaks."""
 
     due: int
-    """0, or 1 + the index of the event that changes the motion at the present state."""
+    """1 + the index of the event that resets the state or ends the run at the present state; 0 without such an event.
+    """
 
     way: int
-    """Direction of the zero of that event: 1, -1, or 0 for a touch."""
+    """Direction of the zero of the event in `due`: 1 rising, -1 falling, or 0 for a touch."""
 
     changed: float
-    """Time when the motion began, or changed last."""
+    """Time of the last change of the motion, such as a reset; at first the time of the start."""
 
     interval: float
     """Time between the last two resets."""
 
     final: float
-    """End time of the run. There, a function within its noise of zero counts as zero."""
+    """End time of the run. At this time, a function within its noise of zero counts as zero."""
 
 
 EVENT_RUN = form_of(EventRun)
@@ -156,7 +161,7 @@ EVENT_RUN = form_of(EventRun)
 
 
 GO_ON = -1
-"""Code with which a part of the loop returns if the loop continues."""
+"""Return code of a part of the loop after which the loop continues."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +193,7 @@ class PendingSteps:
 
     @inline
     def row(self, number: int) -> Out:
-        """Return the state in row `number` of the steps that are not yet searched for events."""
+        """Return the array that begins with the state in row `number` of the pending steps."""
         return self.states[number * self.dimension :]
 
     @inline
@@ -262,10 +267,10 @@ class PendingSteps:
 
     @inline
     def go_back(self, kept: int, t: float, state: In, length: float) -> None:
-        """Keep the first `kept` steps, and begin a new motion at the time t on the next step, with a `state`.
+        """Keep the first `kept` steps. Start a new smooth piece of the run on the next step, at time t with a `state`.
 
-        The steps after it are dropped. `length` is the length of the step that contains the time; it bounds the
-        next step of a run with error control.
+        All later steps are dropped. `length` is the length of the step that contains t. It bounds the next step of a
+        run with error control.
         """
         run, reals, counts, n = self.event_run, self.reals, self.counts, self.dimension
         self.times[kept + 1] = t
@@ -287,10 +292,10 @@ class PendingSteps:
 
     @inline
     def lower_floors(self, kept: int) -> None:
-        """Set the floors (absolute tolerances of entries) to their values after the first `kept` steps.
+        """Set the floors (absolute tolerances of the state's entries) to their values after the first `kept` steps.
 
-        A floor is the one before these steps or, if that is larger, a fraction of the largest magnitude of the
-        entry at the ends of these steps.
+        The floor of an entry is its floor before these steps. A fraction of the entry's largest magnitude at the ends
+        of these steps replaces it if that is larger.
         """
         share, floors, rows = self.reals[SHARE], self.reals[NUMBERS:], self.row(2)
         for j in range(self.dimension):
@@ -304,10 +309,10 @@ class PendingSteps:
 class EventLoop:
     """The arguments of the loop over steps with events.
 
-    The callback `values` computes the event functions from a time and a state, and `resets` the new values of
-    all entries that are reset. Their parameters are `value_numbers` and `reset_numbers`. `settings` says what
-    each event does. `break_times` and `break_states` are the ends of the steps that were shortened at changes
-    of the motion, NaN if no step was.
+    The callback `values` computes the event functions from a time and a state, and `resets` the new values of all
+    entries that are reset. Their parameters are `value_numbers` and `reset_numbers`. `settings` says for each event
+    what it does, by the blocks `RESET_AT` to `SETTINGS`. `break_times` and `break_states` are the ends of the steps
+    that were shortened at changes of the motion, NaN if no step was.
     """
 
     samples: Samples
@@ -343,7 +348,7 @@ class EventLoop:
 
 
 def loop_type() -> Bundle:
-    """Return the type of an `EventLoop` parameter of a procedure."""
+    """Return the type of a procedure's parameter of class `EventLoop`: its callbacks and arrays."""
     pending = Bundle(PendingSteps, {"drive": TAKE_STEPS, "row_states": Array(room=WIDEST_VECTOR)})
     types: dict[str, Stated] = {"samples": samples_type("dimension", "times", "states", "steps")}
     types |= {"watch": Bundle(ReviewedEvents, {}), "pending": pending, "values": FUNCTION, "resets": FUNCTION}
@@ -352,11 +357,12 @@ def loop_type() -> Bundle:
 
 @procedure(loop=loop_type)
 def event_steps(loop: EventLoop) -> int:
-    """Take steps and search them for events, until an irregular event or the end of the run.
+    """Take steps of a run and search them for events, until an irregular event or the end of the run.
 
-    Return an `Outcome`; or `NEEDS_REVIEW` if the caller must search the steps for an irregular event; or `READ_EVENTS`
-    if an array is full. `Outcome.WATCHED` means that the caller must change the motion at the present state. A further
-    call continues from there. Steps that the caller has searched in the meantime are not searched again.
+    Return an `Outcome`; or `NEEDS_REVIEW` if the caller must search the steps for an irregular event; or
+    `READ_EVENTS` if an array is full. `Outcome.WATCHED` means that the caller must change the motion at the present
+    state. A further call with the same `loop` continues from there. Steps that the caller has searched in the
+    meantime are not searched again.
     """
     run, search, pending = loop.pending.event_run, loop.watch.review, loop.pending
     code = GO_ON
@@ -380,9 +386,9 @@ def event_steps(loop: EventLoop) -> int:
 def review_steps(loop: EventLoop) -> int:
     """Search the pending steps for events. Return the code of `search` for the end of the search.
 
-    It is `ENDED` if all steps were searched, `CHANGED` if the motion changes on a step, `CROWDED` if there is
-    no space for events, else IRREGULAR. `event_run.begin` is the number of the first step to search. It becomes
-    the number of the step at which the search ended.
+    The code is `ENDED` if all steps were searched, `CHANGED` if the motion changes on a step, `CROWDED` if the
+    arrays have no space for more events, else `IRREGULAR`. `event_run.begin` is the number of the first step to
+    search. It becomes the number of the step at which the search ended.
     """
     pending, search = loop.pending, loop.watch.review
     run, shift = pending.event_run, 1 - pending.event_run.before
@@ -405,13 +411,8 @@ def go_back(loop: EventLoop) -> None:
     the accepted one. Otherwise it is interpolated.
     """
     pending, watch, times = loop.pending, loop.watch, loop.pending.times
-    run, n, step, s, slot = (
-        pending.event_run,
-        pending.dimension,
-        pending.event_run.begin,
-        watch.review.fraction,
-        watch.review.written,
-    )
+    run, n, s, slot = pending.event_run, pending.dimension, watch.review.fraction, watch.review.written
+    step = run.begin
     state, end = watch.there[slot * n :], times[step + 1]
     is_within, kept = s > 0.0 and s < 1.0, step - int(s == 0.0)
     loop.break_times[run.breaks] = end if is_within else math.nan
@@ -468,12 +469,12 @@ def reset(loop: EventLoop) -> bool:
 
 @inline
 def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float) -> bool:
-    """Return True if an event function passes zero at time t, and the mass matrix is regular there.
+    """Return True if an event function passes zero at time t, and the mass matrix is regular at this time.
 
     Otherwise its reset is irregular: on a long step the dense output may reach zero although the velocity there
-    points away again. So the function is compared at two states, a little before and after the present state of
-    the run along its derivative. `event` is its index, and `before` its value at the present state. The mass
-    matrix is tested there and at the state `after` the reset.
+    points away again. So the function is compared at two states, a little before and after the present state of the
+    run along its derivative. `event` is its index, and `before` its value at the present state. The mass matrix is
+    tested at the present state and at the state `after` the reset.
     """
     pending, samples, n = loop.pending, loop.path(0, 0), loop.pending.dimension
     run, y = pending.event_run, pending.y
@@ -504,10 +505,10 @@ def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float)
 
 @inline
 def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, values: In) -> None:
-    """Record an event with a reset, and start the next smooth piece of the motion at the state `after` it.
+    """Record an event with a reset, and start the next smooth piece of the run at the state `after` it.
 
-    `event` is its index, and t its time. `before_values` and `values` are all event functions before and after
-    the reset.
+    `event` is the index of the event, and t its time. `before_values` and `values` are all event functions before
+    and after the reset.
     """
     pending, watch, n = loop.pending, loop.watch, loop.pending.dimension
     run, counts = pending.event_run, pending.counts
@@ -539,10 +540,10 @@ def begin_side(
 ) -> None:
     """Set the known sign of one event function after a reset, and the flag for a value near zero since then.
 
-    These are the first entries of `sign` (1, -1, or 0 for unknown) and `near` (1 if the function has been
-    within its noise of zero since it had that sign). They are kept if the reset does not change the function.
-    `values` are the function before and after the reset, and `noise` is its rounding error. `is_due` is true
-    for the event that caused the reset, `has_reset` for an event with a reset.
+    They are the first entries of `sign` (1, -1, or 0 for unknown) and `near` (1 if the function has been within its
+    noise of zero since it had that sign). Both are kept if the reset does not change the function. `values` are the
+    function before and after the reset, and `noise` is its rounding error. `is_due` is true for the event that
+    caused the reset, `has_reset` for an event with a reset.
     """
     (before, after), side, was_near = values, sign[0], near[0]
     stays = not is_due and abs(after - before) <= noise

@@ -1,6 +1,6 @@
-"""Polynomials on [0, 1]: values, derivatives, zeros by Newton's method and bisection, scaling.
+"""Polynomials on [0, 1], as event functions have on a step: values, derivatives, zeros, scaling against overflow.
 
-Coefficients of an event function are in units of the step, and are scaled against overflow.
+Coefficients are in units of the step. Zeros are found by Newton's method and bisection.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ CHAINS = 4
 """Number of partial sums of a polynomial, each in powers of s**4, to hide the latency of additions."""
 
 PADDED = (MOST_COEFFICIENTS + CHAINS - 1) // CHAINS * CHAINS
-"""Length of the memory for a polynomial's coefficients: whole blocks of `CHAINS` numbers, filled with zeros."""
+"""Length of the memory for a polynomial's coefficients: whole blocks of `CHAINS` numbers, the rest filled with zeros.
+"""
 
 
 @inline
@@ -56,7 +57,8 @@ def pad(c: Out, start: int, count: int) -> None:
 def evaluate(polynomials: tuple[Readable[float], ...], count: int, s: float) -> tuple[float, ...]:
     """Return the values of several polynomials at the point s.
 
-    Each has `count` coefficients, the lowest power first, padded with zeros to whole blocks.
+    Each polynomial has `count` coefficients, the lowest power first, padded with zeros to whole blocks of `CHAINS`
+    numbers.
     """
     square = s * s
     fourth = square * square
@@ -74,7 +76,7 @@ def evaluate(polynomials: tuple[Readable[float], ...], count: int, s: float) -> 
 def value(c: In, count: int, s: float) -> float:
     """Return the value at s of the polynomial with the `count` coefficients c, the lowest power first.
 
-    The coefficients are padded with zeros to whole blocks.
+    The coefficients are padded with zeros to whole blocks of `CHAINS` numbers.
     """
     return evaluate((c,), count, s)[0]
 
@@ -83,7 +85,7 @@ def value(c: In, count: int, s: float) -> float:
 def derivative(c: In, count: int, slopes: Out) -> None:
     """Write the coefficients of the derivative of a polynomial to `slopes`, padded with zeros to whole blocks.
 
-    c has the `count` coefficients of the polynomial, the lowest power first.
+    c has the `count` coefficients of the polynomial, the lowest power first. A block has `CHAINS` numbers.
     """
     for k in range(1, count):
         slopes[k - 1] = float(k) * c[k]
@@ -94,8 +96,8 @@ def derivative(c: In, count: int, slopes: Out) -> None:
 def crossing(c: In, slopes: In, count: int, begin: float, end: float, sign: int) -> float:
     """Return the zero of a polynomial between `begin` and `end` beyond which it has the sign `sign`, 1 or -1.
 
-    If it already has that sign at `begin`, or not yet at `end`, this end is returned. c has its coefficients,
-    and `slopes` those of its derivative.
+    If the polynomial already has that sign at `begin`, the result is `begin`. If it does not have the sign at
+    `end`, the result is `end`. c has its coefficients, and `slopes` those of its derivative.
     """
     side = float(sign)
     below, rate = tuple(side * x for x in evaluate((c, slopes), count, begin))
@@ -115,8 +117,8 @@ Pair = tuple[float, float]
 def inverse_cubic(points: Pair, values: Pair, slopes: Pair) -> float:
     """Return an approximate zero of a function, by the cubic that interpolates the inverse function.
 
-    The function changes its sign between two `points`; `values` and `slopes` are its values and derivatives
-    there. If a slope is not positive, or the cubic leads outside, the zero of the chord is returned.
+    The function changes its sign between two `points`; `values` and `slopes` are its values and derivatives at
+    these points. If a slope is not positive, or the cubic leads outside, the zero of the chord is returned.
     """
     begin, end = points
     below, above = values
@@ -166,7 +168,8 @@ def approach(c: In, slopes: In, count: int, begin: float, end: float, start: flo
 def passage(c: In, count: int, low: float, high: float, sign: int) -> float:
     """Return the zero of a polynomial c between `low` and `high` beyond which it has the sign `sign`, 1 or -1.
 
-    If it already has that sign at `low`, or not yet at `high`, this end is returned.
+    If the polynomial already has that sign at `low`, the result is `low`. If it does not have the sign at `high`,
+    the result is `high`. c has `count` coefficients.
     """
     slopes = reals(PADDED)
     derivative(c, count, slopes)
@@ -255,7 +258,7 @@ def scaled(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums
 def split(x: float) -> tuple[float, int]:
     """Return a number x as (significand, exponent): x = significand * 2**exponent, with 1 <= |significand| < 2.
 
-    Both are 0 for zero.
+    Significand and exponent of zero are 0.
     """
     is_tiny = abs(x) < SMALLEST
     y = x * 2.0**54 if is_tiny else x

@@ -1,19 +1,18 @@
 """Zeros of an event function g that is a polynomial on each step: each root once, in order, with its direction.
 
-The search passes the last sign of g from step to step. A sign counts once |g| exceeds the noise of g. A
-crossing is reported by the step in which the opposite sign first counts. A touch is reported if g has been
-within its noise of zero and then has the same sign again. So crossings alternate over a whole run. A root at a
-joint of two steps is reported once, by the later step at time 0, whatever the rounding on both sides. If |g|
-stays above its noise there is no root. Roots between which g stays within its noise are one: two of them a
-touch, three a crossing. The two steps at a joint must agree on g there within their noise.
+The search passes the last sign of g from step to step. A sign counts once |g| exceeds the noise of g. A crossing is
+reported by the step in which the opposite sign first counts. A touch is reported if g has been within its noise of zero
+and then has the same sign again. So crossings alternate over a whole run. A root at a joint of two steps is reported
+once, by the later step at time 0, whatever the rounding on both sides. If |g| stays above its noise, g has no root.
+Roots between which g stays within its noise are merged: two into a touch, three into a crossing. The two steps at a
+joint must agree on g there within their noise.
 
-Measured on h = 1: two isolated roots merge when closer than 1e-7 to 2e-7, three at spacings below 2e-5 to 5e-5.
-Of roots distributed over the whole step, double coefficients keep up to 8 apart, 12 in six cases of ten, and
-never 16. A simple root is refined to the rounding error of g divided by its slope.
+Measured on h = 1: two isolated roots merge when closer than 1e-7 to 2e-7, three at spacings below 2e-5 to 5e-5. If
+roots are distributed over the whole step, coefficients in double precision separate up to 8 of them, 12 in six cases of
+ten, and never 16. A simple root is refined to the rounding error of g divided by its slope.
 
-Descartes' rule bounds the number of roots by the signs of the Bernstein coefficients. A part of the step that
-may have more than one root is halved. Source: J. M. Lane, R. F. Riesenfeld, Bounds on a polynomial, BIT 21
-(1981), 112-117.
+Descartes' rule bounds the number of roots by the signs of the Bernstein coefficients. A part of the step that may have
+more than one root is halved. Source: J. M. Lane, R. F. Riesenfeld, Bounds on a polynomial, BIT 21 (1981), 112-117.
 """
 
 from __future__ import annotations
@@ -49,7 +48,9 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 PASSES_AT_ONCE = 4
-"""Number of passes over a triangle of sums that one loop does, so that each number is read and written once for all."""
+"""Number of passes of running sums that one loop does. Each number is then read and written once for all of these
+passes.
+"""
 
 
 @inline
@@ -123,9 +124,9 @@ def signs(b: In, count: int, first: int, noise: float) -> tuple[bool, int, float
 
 @procedure(noinline=True)
 def halve(b: Out, count: int, left: Out) -> None:
-    """Replace Bernstein coefficients b by those of the right half; write those of the left half to `left`.
+    """Replace Bernstein coefficients b of a polynomial by its coefficients on the right half of the interval.
 
-    This is de Casteljau's algorithm.
+    The coefficients on the left half are written to `left`. This is de Casteljau's algorithm.
     """
     for done in range(1, count):
         left[done - 1] = b[0]
@@ -139,25 +140,25 @@ class SignState:
     """State of the search for zeros at a point: the last sign, and the value nearest to zero since then."""
 
     count: int
-    """Number of roots, including those for which the arrays have no space."""
+    """Number of roots found, also of roots for which the arrays have no space."""
 
     sign: int
-    """The last sign beyond the noise, 0 if there was none."""
+    """Last sign (1 or -1) of the function beyond its noise; 0 before the first such sign."""
 
     low: float
-    """Point in [0, 1] at which the function had that sign."""
+    """Point in [0, 1] at which the function had the last sign."""
 
     near: int
-    """1 if the function has been within its noise of zero since then, else 0."""
+    """1 if the function has been within its noise of zero since it had the last sign, else 0."""
 
     near_at: float
-    """Point at which it was nearest to zero, or farthest beyond."""
+    """Point after `low` at which the function was nearest to zero, or farthest beyond zero."""
 
     depth: float
-    """Value of the function at `near_at`, times the sign."""
+    """Value of the function at `near_at`, times the last sign."""
 
     counted: int
-    """1 while the function is at a root at the start, which the previous step has reported."""
+    """1 while the function is at a root at the start of the step, which the previous step has reported."""
 
 
 @dataclass(frozen=True)
@@ -188,9 +189,9 @@ class Search:
 
     @inline
     def come_near(self, point: float) -> None:
-        """Continue the search to a point at which the function is within its noise of zero.
+        """Continue the search to a `point` at which the function is within its noise of zero.
 
-        Of all such points since the last sign, the one is stored at which the last sign times the function is
+        Of all such points since the last sign, the search stores the one at which the last sign times the function is
         least.
         """
         state = self.state
@@ -203,10 +204,10 @@ class Search:
 
     @inline
     def count_sign(self, point: float, sign: int) -> None:
-        """Continue the search to a point `point` at which the function has a `sign` beyond the noise.
+        """Continue the search to a `point` at which the function has a `sign` beyond the noise.
 
-        Report a crossing if the last sign is opposite. Report a touch if it is the same and the function has
-        been within its noise since then.
+        Report a crossing if the last sign is opposite. Report a touch if the last sign is the same and the function has
+        been within its noise of zero since then.
         """
         state = self.state
         before = state.sign
@@ -227,7 +228,10 @@ class Search:
 
     @inline
     def report(self, point: float, rising: int) -> None:
-        """Write the root `point` if there is room, and count it. `rising` is its direction: 1, -1, or 0 for a touch."""
+        """Write the root `point` if the arrays have space, and count it in any case.
+
+        `rising` is the direction of the root: 1, -1, or 0 for a touch.
+        """
         slot = self.state.count
         if likely(slot < self.room):
             self.times[slot] = self.h * point
@@ -250,8 +254,8 @@ def roots(
 ) -> tuple[int, int, bool]:
     """Find the roots of the polynomial g = sum c[k] tau**k for tau from 0 to h; c are the `coefficients`.
 
-    `sign` and `near` describe g before the step. `sign` is the last sign beyond the noise, 1 or -1. It is 0 if
-    there was none: g starts here, and a root at the start is not an event. `near` is true if g has been within
+    `sign` and `near` describe g before the step. `sign` is the last sign beyond the noise, 1 or -1. `sign` is 0
+    without such a sign: g starts here, and a root at the start is not an event. `near` is true if g has been within
     its noise of zero since then. `noise`, in the units of g, is the error of g without the rounding of its
     coefficients. `last` is true if no step follows: then the slope decides a root at the end.
 
@@ -302,12 +306,12 @@ def is_counted(direction: int, expected: int) -> bool:
 def first_change(
     count: int, functions: WholesIn, directions: WholesIn, expected: WholesIn, remaining: WholesOut
 ) -> int:
-    """Return the index of the first of `count` zeros at which the motion changes, or -1 if there is none.
+    """Return the index of the first of `count` zeros at which the motion changes, or -1 if none does.
 
     The zeros are in order of time. Each has the index of its function in `functions`, and a direction. For each
     function, `expected` has the direction that counts, and `remaining` the number of zeros that count until the
-    motion changes: by a reset, a crossed surface or the end of the run. It is 0 or less for never. Each zero that
-    counts, up to the result, reduces this number by one.
+    motion changes: by a reset, a crossed surface or the end of the run. A number of 0 or less means never. Each
+    zero that counts, up to the result, reduces this number by one.
     """
     change = -1
     for j in range(count):

@@ -1,4 +1,4 @@
-"""Samples of event functions on a block of steps: the steps with possible zeros, and polynomials there.
+"""Event functions sampled on a block of steps: steps that may contain zeros, and a polynomial for each function.
 
 Functions are sampled at Chebyshev points. Source: L. N. Trefethen, Approximation Theory and Approximation Practice,
 2013, chapters 2 and 3.
@@ -37,8 +37,8 @@ from lagrange.procedure.front.vocabulary import (
 FloatArray = NDArray[np.float64]
 
 DEGREE = 16
-"""Degree of the polynomial of an event function on a step. If it does not resolve the function, the step is halved. A
-path of at most this degree is represented exactly.
+"""Degree of the polynomial of an event function on a step. If the polynomial does not resolve the function, the step is
+halved. A polynomial event function of at most this degree is represented exactly.
 """
 
 COARSE = 8
@@ -64,18 +64,11 @@ def to_chebyshev(degree: int = DEGREE) -> FloatArray:
 @lru_cache(maxsize=8)
 def to_powers(degree: int = DEGREE) -> FloatArray:
     """Return the matrix that maps coefficients of Chebyshev's polynomials on [0, 1] to those of powers."""
-    columns: list[list[int]] = [[1], [-1, 2]]
-    while len(columns) <= degree:
-        last, before = columns[-1], [*columns[-2], 0, 0]
-        columns.append(
-            [
-                2 * (2 * low - high) - old
-                for low, high, old in zip([0, *last], [*last, 0], before[: len(last) + 1], strict=True)
-            ]
-        )
     matrix = np.zeros((degree + 1, degree + 1))
-    for rank, column in enumerate(columns[: degree + 1]):
-        matrix[: len(column), rank] = column
+    matrix[0, 0], matrix[:2, 1] = 1, (-1, 2)
+    for rank in range(1, degree):
+        last = matrix[:, rank]
+        matrix[:, rank + 1] = 2 * (2 * np.roll(last, 1) - last) - matrix[:, rank - 1]
     return matrix
 
 
@@ -306,7 +299,7 @@ class Samples:
 
     @inline
     def each_column(self) -> Iterator[int]:
-        """Loop over the steps of the block."""
+        """Loop over the columns of the block, one for each step."""
         yield from each(self.columns, width=self.columns, disjoint=True)
 
     @inline
@@ -333,12 +326,11 @@ class Samples:
 
     @inline
     def sift(self, lines: Lines, step_numbers: WholesIn) -> bool:
-        """Find the steps on which an event function may be zero, by cubics: flags in `lines.doubtful`.
+        """Find the steps on which an event function may be zero, by cubics. Write the flags to `lines.doubtful`.
 
-        `step_numbers` has the numbers of the steps. The path differs from the cubic through the ends of a step
-        by K s**2 (1 - s)**2 at the fraction s. The difference of their slopes, evaluated at `SLOPE_AT`, where
-        it is largest, gives K. The result is True if an event function has no value, or a mass matrix is
-        singular.
+        `step_numbers` has the numbers of the steps. The path differs from the cubic through the ends of a step by K
+        s**2 (1 - s)**2 at the fraction s. The difference of their slopes, evaluated at `SLOPE_AT`, where it is largest,
+        gives K. The result is True if an event function has no value, or a mass matrix is singular.
         """
         self.gather(lines, step_numbers, 0)
         self.screen(self.screen_given, self.columns, self.step_data, self.neighbours, self.path_work, self.c)
@@ -383,10 +375,8 @@ class Samples:
             missed, noise, edge_end, moved, doubtful = tuple(line[e * columns :] for line in of_event)
             for b in self.each_column():
                 samples = tuple(values[k * columns :][b] for k in unrolled(COARSE + 3))
-                edge, end = (
-                    edge_noise(samples[0], samples[COARSE + 1]),
-                    edge_noise(samples[COARSE], samples[COARSE + 2]),
-                )
+                edge = edge_noise(samples[0], samples[COARSE + 1])
+                end = edge_noise(samples[COARSE], samples[COARSE + 2])
                 edge_end[b] = end
                 wrong = (edge if edge > end else end) + path_noise(samples[: COARSE + 1], moved[b])
                 noise[b] = wrong
@@ -475,8 +465,8 @@ class Samples:
     def sample_part(self, lines: Lines, b: int, start: float, width: float) -> bool:
         """Write the event functions at the nodes of a part of the step in column b to `lines.part`.
 
-        Return True if one has no value. The part is given by its `start` and `width`, as fractions of the step.
-        Columns that are left over repeat its end.
+        Return True if an event function has no value. `start` and `width` are the start and the width of the part, as
+        fractions of the step. Unused columns repeat the end of the part.
         """
         columns, step, part = self.columns, self.block(), Widths.of(self.columns).part
         total, t = self.dimension * columns, step.t[b]
@@ -496,7 +486,7 @@ class Samples:
 
 
 def samples_type(*without: str) -> Bundle:
-    """Return the type of a procedure's parameter of class `Samples`; the fields `without` are not passed."""
+    """Return the type of a procedure's parameter of class `Samples`. The fields `without` are not passed."""
     types: dict[str, Stated] = {"polynomial": POLYNOMIAL, "screen": POLYNOMIAL, "law": COLUMNS, "kernel": COLUMNS}
     types |= dict.fromkeys(("step_data", "neighbours", "path_work", "c", "work"), Array(room=WIDEST_VECTOR))
     types |= dict.fromkeys(("times", "states"), Array(read=True))
@@ -513,8 +503,8 @@ def times_at(t: float, end: float, thetas: Sequence[float]) -> Reals:
 def values_at(c: In, total: int, degree: int, b: int, thetas: Sequence[float]) -> Reals:
     """Return the values of one entry of the state in column `b`, at the fractions `thetas` of the step.
 
-    The coefficients of the entry begin at c; those of consecutive powers, up to `degree`, are `total` doubles
-    apart.
+    The coefficients of the entry begin at c. Coefficients of consecutive powers, up to `degree`, are `total`
+    doubles apart.
     """
     top = c[degree * total :][b]
     sums = tuple(top for _ in thetas)

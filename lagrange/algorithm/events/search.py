@@ -1,8 +1,8 @@
 """Zeros of event functions on one step, in order, up to the first that changes the motion.
 
-No other zero may be simultaneous with that one. If a function is zero at the start of the motion, its value there is
-subtracted on the whole step, and the result is divided by time. This removes the known zero, so that the next zero may
-be close to it.
+The zero that changes the motion must not be simultaneous with another zero. If a function is zero at the start of the
+motion, its value there is subtracted on the whole step, and the result is divided by time. This removes the known zero,
+so that the next zero may be close to it.
 """
 
 from __future__ import annotations
@@ -65,7 +65,9 @@ MOST_ZEROS = 128
 
 
 Part = tuple[float, float, int, float, float]
-"""A part of a step: its start and width, the number of coefficients, their error, and the size of the function."""
+"""A part of a step: its start and width as fractions of the step, the number of coefficients of the function's
+polynomial, their error, and the size of the function.
+"""
 
 
 @record
@@ -79,31 +81,31 @@ class Review:
     """Number of the step before which the review must end."""
 
     starts: int
-    """1 if the motion starts at the first step."""
+    """1 if the first step begins the run, or follows a reset or another change of the motion."""
 
     last: int
     """Number of the last step of the run, -1 if it is not among the steps."""
 
     rounded: float
-    """Change of an event by the rounding of all steps so far, in units of its noise."""
+    """Change of an event function by the rounding of all steps so far, in units of its noise."""
 
     room: int
     """Number of zeros for which the arrays have space."""
 
     written: int
-    """Number of zeros that count and are written, including earlier ones."""
+    """Number of zeros in the arrays, including those of earlier searches."""
 
     step: int
     """Number of the step before which the review ended."""
 
     event: int
-    """Index of the event that changes the motion on that step."""
+    """Index of the event that changes the motion on step `step`."""
 
     way: int
-    """Direction of the zero of that event."""
+    """Direction of the zero of `event`: 1 rising, -1 falling, 0 for a touch."""
 
     fraction: float
-    """Fraction of the step at which that zero is."""
+    """Time of the zero of `event`, as a fraction of the step."""
 
 
 REVIEW = form_of(Review)
@@ -114,18 +116,17 @@ REVIEW = form_of(Review)
 class ReviewedEvents:
     """The event functions of a run, with one entry for each in most arrays, and the zeros that were found.
 
-    `review` says which steps to search and what was found. `sign` is the last sign of a function beyond its
-    noise, 1 or -1, or 0 for unknown. `near` is 1 if the function has been within its noise of zero since then.
-    `direction` is the direction of the zeros that count, 0 for both. `remaining` is the number of zeros after
-    which the event resets the state or ends the run; 0 or less means never.
+    `review` has the steps to search and the results of the search. `sign` is the last sign of a function beyond its
+    noise, 1 or -1, or 0 for unknown. `near` is 1 if the function has been within its noise of zero since it had
+    this sign. `direction` is the direction of the zeros that count, 0 for both. `remaining` is the number of zeros
+    after which the event resets the state or ends the run; 0 or less means never.
 
-    A motion may start at a zero of a function, as after an impact. There the function counts as zero if it is
-    below `zero_sizes`. `arrivals` is 2 plus the direction in which it reached this zero; `UNKNOWN` leaves the
-    decision to the caller, and `IGNORED` ignores the zero. `levels` are the values of functions that start at
-    zero.
+    A motion may start at a zero of a function, as after an impact. At the start the function counts as zero if it
+    is below `zero_sizes`. `arrivals` is 2 plus the direction in which it reached this zero; `UNKNOWN` leaves the
+    decision to the caller, and `IGNORED` ignores the zero. `levels` are the values of functions that start at zero.
 
-    Zeros are written to `which` (events), `when` (times) and `there` (states). `step_sides` is work memory of
-    four blocks: signs, `near` and remaining counts after the step, and 1 for each function that starts at zero.
+    Zeros are written to `which` (events), `when` (times) and `there` (states). `step_sides` is work memory of four
+    blocks: signs, `near` and remaining counts after the step, and 1 for each function that starts at zero.
     """
 
     review: Review
@@ -146,9 +147,9 @@ class ReviewedEvents:
 class ZeroSearch:
     """The search for zeros of event functions on one step of a block, with its memory.
 
-    For each event, `signs` is the sign of its function after the step, `near_flags` is 1 if the function came
-    near zero since it had that sign, and `zeros_left` is the number of zeros that remain until the event
-    changes the motion, 0 or less for never.
+    For each event, `signs` is the sign of its function after the step, `near_flags` is 1 if the function has been
+    within its noise of zero since it had that sign, and `zeros_left` is the number of zeros that remain until the
+    event changes the motion, 0 or less for never. `starting` is 1 if the function starts at zero.
     """
 
     samples: Samples
@@ -171,11 +172,11 @@ class ZeroSearch:
 
     @inline
     def begin_at_zero(self, step: int) -> bool:
-        """Record which event functions are zero at the start of the motion. Return True if one is irregular.
+        """Record which event functions are zero at the start or just after a reset. Return True if one is irregular.
 
-        `step` is the number of the step; only the first step of a motion has such functions. An event with a
-        reset is regular only if the reset led to that zero. A function with a known sign is not recorded: its
-        search continues with this sign, as from one step to the next.
+        `step` is the number of the step; only the first step after a start or a reset has such functions. An event with
+        a reset is regular only if the reset led to that zero. A function with a known sign is not recorded: its search
+        continues with this sign, as from one step to the next.
         """
         watch, lines, columns = self.watch, self.lines, self.samples.columns
         starts = watch.review.starts != 0 and step == watch.review.begin
@@ -252,11 +253,11 @@ class ZeroSearch:
     ) -> tuple[bool, int]:
         """Find the zeros of event function `e` on a step, halved until a polynomial resolves it on each part.
 
-        `step` is the number of the step in the run, and `b` its column in the block. `is_bad` is true if an
-        event function has no value on the block. `limit` is the fraction of the step at which the search ends;
-        `is_cut` is true if the motion changes there. `count` is the number of zeros on the step that are found
-        already. Returns the new number of zeros, and before it True if the event is irregular: no polynomial
-        resolves it on a part of the step, or its zeros cannot be told apart, as at a jump.
+        `step` is the number of the step in the run, and `b` its column in the block. `is_bad` is true if an event
+        function has no value on the block. `limit` is the fraction of the step at which the search ends; `is_cut` is
+        true if the motion changes there. `count` is the number of zeros already found on the step. The first result is
+        True if the event is irregular: no polynomial resolves it on a part of the step, or its zeros cannot be
+        separated, as at a jump. The second result is the new number of zeros.
         """
         lines, index = self.lines, e * self.samples.columns + b
         is_last, noise = step == self.watch.review.last, lines.noise[index]
@@ -335,13 +336,12 @@ class ZeroSearch:
 
     @inline
     def leave_zero(self, e: int, known: int, error: float) -> tuple[bool, float]:
-        """Find the sign of event function `e` after a zero at the start of the motion, by its slope.
+        """Find the sign of event function `e` just after a start at zero, by its slope.
 
-        The sign is written to `signs`. Return True if the event is irregular, and the error of the slope. An
-        event is irregular if it leaves zero in the direction in which it reached zero, or if its slope is zero
-        within its error. `known` is the number of coefficients of its polynomial, and `error` the error of its
-        values. The error of the slope follows from the slope 2 k**2 of Chebyshev's polynomial of degree k at
-        the ends of [0, 1].
+        The sign is written to `signs`. Return True if the event is irregular, and the error of the slope. An event is
+        irregular if it leaves zero in the direction in which it reached zero, or if its slope is zero within its error.
+        `known` is the number of coefficients of its polynomial, and `error` the error of its values. The error of the
+        slope follows from the slope 2 k**2 of Chebyshev's polynomial of degree k at the ends of [0, 1].
         """
         rank, linear = float(max(known - 1, 1)), self.powers[1]
         noise, slope = 2.0 * rank * rank * error, linear if known > 1 else 0.0
@@ -394,8 +394,7 @@ class ZeroSearch:
     def write(self, b: int, count: int, before: float) -> None:
         """Append the zeros of the step in column `b` whose direction counts to the events of the run.
 
-        They are taken from the first `count` zeros of the step, as far as they are before the fraction `before`
-        of the step.
+        Of the first `count` zeros of the step, those before the fraction `before` of the step are appended.
         """
         for j in range(count):
             time = self.times[j]
@@ -408,7 +407,7 @@ class ZeroSearch:
     def write_zero(self, b: int, e: int, s: float) -> None:
         """Write a zero of event `e` after the events of the run: its index, time and state.
 
-        s is the fraction of the step in column `b` at which it is.
+        s is the time of the zero, as a fraction of the step in column `b`.
         """
         samples, slot = self.samples, self.watch.review.written
         t, total = samples.block().t[b], samples.dimension * samples.columns
@@ -433,17 +432,17 @@ def step_zeros(samples: Samples, lines: Lines, watch: ReviewedEvents) -> ZeroSea
 
 
 QUEUE = 256
-"""Number of steps that are screened before those that may contain zeros are examined."""
+"""Number of steps that a quick test screens at once. Steps that may contain zeros are examined after it."""
 
 
 @procedure(samples=samples_type, watch=lambda: Bundle(ReviewedEvents, {}))
 def review(samples: Samples, watch: ReviewedEvents) -> int:
-    """Search the steps of a run for events. Return why the search ended: `ENDED` after all steps, or a code.
+    """Search the steps of a run for events. Return `ENDED` after all steps, or the code of an earlier end.
 
-    The codes are `CHANGED` if the motion changes on a step, `IRREGULAR`, and `CROWDED` if the arrays for zeros
-    are full. The run has times (S+1,) and states (S+1, 2n) in `samples`. The event, the time and the state of
-    each zero that counts are written to `watch`. If a zero that changes the motion ended the search, it is
-    written after them and not counted.
+    The codes are `CHANGED` if the motion changes on a step, `IRREGULAR`, and `CROWDED` if the arrays for zeros are
+    full. The run has times (S+1,) and states (S+1, 2n) in `samples`. The event, the time and the state of each zero
+    that counts are written to `watch`. If a zero that changes the motion ended the search, it is written after them
+    and not counted.
     """
     lines, end, reached = samples.lines(), watch.review.end, watch.review.begin
     queue, step_numbers = wholes(QUEUE), wholes(WIDEST_VECTOR)
@@ -482,7 +481,7 @@ def queue_block(
     queue: WholesOut,
     filled: int,
 ) -> int:
-    """Append those steps of a block to `queue` on which an event function may be zero. Return its new length.
+    """Append the steps of a block on which an event function may be zero to `queue`. Return its new length.
 
     The first step of the whole search is always appended. `first` is the number of the first step of the block,
     and `step_numbers` is memory for the numbers of its steps. `filled` is the length of the queue before.

@@ -1,6 +1,7 @@
-"""The instructions of a program as statements of a procedure, and the layout of the prepared array.
+"""Code generation for one evaluation: the instructions of a program become statements of a procedure.
 
-The prepared array has the parameters, then all values that depend only on them, each once.
+Values that depend only on parameters are computed once and stored in the prepared array. The array begins with the
+parameters; each of these values follows once.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from lagrange.program.elimination import Elimination
 from lagrange.program.program import GIVEN, Instruction, Program, SolveGroup, scheduled
 
 LARGEST_IN_SOURCE = 20
-"""Largest matrix that is written out: compilers optimize such source text better than loops."""
+"""Largest matrix whose factorization is written out in source text, which compilers optimize better than loops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +50,11 @@ class PreparedLayout:
     slots: tuple[Mapping[int, int], ...]
     size: int
     largest: int = LARGEST_IN_SOURCE
-    """Largest matrix whose factors are stored as entries, if its elimination is written out."""
+    """Size of the largest matrix whose factors are stored as entries, if its elimination is written out."""
 
     @classmethod
     def of(cls, programs: Sequence[Program], largest: int = LARGEST_IN_SOURCE) -> PreparedLayout:
-        """Return the layout for programs with the same parameters.
+        """Return the layout for `programs` with the same parameters.
 
         Factors of matrices up to the size `largest` are stored as entries.
         """
@@ -91,7 +92,10 @@ def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
 
 
 def written_out(plan: Elimination, largest: int = LARGEST_IN_SOURCE) -> bool:
-    """Return True if the elimination `plan` is written out, operation by operation, without loops."""
+    """Return True if the elimination `plan` is written out, operation by operation, without loops.
+
+    Matrices up to the size `largest` are written out, and larger ones if the plan says so.
+    """
     return plan.order <= largest or plan.written_out
 
 
@@ -105,7 +109,7 @@ def width_of(program: Program, ref: int, largest: int = LARGEST_IN_SOURCE) -> in
 
 
 CONDITIONS = frozenset(op for op, signatures in OPERATIONS.items() if signatures[0][1] is FLAG)
-"""Operations whose result is true or false."""
+"""Names of operations whose result is true or false."""
 
 MOSTLY_ZERO = 4
 """A triangle is cleared in a loop if its size is at least this many times the number of its nonzero entries."""
@@ -113,13 +117,13 @@ MOSTLY_ZERO = 4
 
 @dataclass(frozen=True)
 class Style:
-    """Form of the solution of linear systems in a procedure: single statements, or calls.
+    """Form of generated code for linear systems: single statements, or calls of procedures.
 
     Eliminations up to size `largest` are written out, with up to `substituted` multiplications in their
-    substitutions. Up to `systems` systems with the same matrix are solved together. Written-out solutions have
-    up to `entries` entries in total. Systems in memory are solved as adjacent columns if `side_by_side`, else
-    one after the other. Without `pivoting` a system fails if a pivot in the original order is too small. If
-    `early`, inputs are read at the start of the procedure, else at their first use.
+    substitutions. Up to `systems` systems with the same matrix are solved together. Written-out solutions have up
+    to `entries` entries in total. Systems in memory are solved as adjacent columns if `side_by_side`, else one
+    after the other. Without `pivoting` a system fails if a pivot in the original order is too small. If `early`,
+    inputs are read at the start of the procedure, else at their first use.
     """
 
     largest: int = LARGEST_IN_SOURCE
@@ -150,15 +154,15 @@ class Inputs:
     state: Memory | None = None
     names: Mapping[int, str] = field(default_factory=dict)
     largest: int = LARGEST_IN_SOURCE
-    """Largest matrix whose prepared factors are those of a written-out elimination, as in `PreparedLayout`."""
+    """Size of the largest matrix whose prepared factors are stored as entries, as in `PreparedLayout`."""
 
 
 @dataclass(frozen=True)
 class FactoredMatrix:
-    """A factorization L D L^T: its entries by index pair, or the `memory` that has its factors.
+    """A factorization L D L^T: its `entries` by index pair, or the `memory` that has its factors.
 
-    The entries are given if its operations are written out. Then `trusted` is true if all pivots are large
-    enough.
+    If the operations are written out, there are entries, and `trusted` is a flag that is true if all pivots are
+    large enough. Else there is only the memory.
     """
 
     entries: Mapping[tuple[int, int], Real]
@@ -188,15 +192,20 @@ class Body:
         """Flag of a singular matrix; None before the first matrix."""
 
     def fails(self) -> Variable:
-        """Return the variable that is true for a singular matrix. It is declared before the first branch."""
+        """Return the variable that is true for a singular matrix. The variable is declared before the first branch."""
         if self.singular is None:
             self.singular = self.p.variable(self.p.false, "singular")
         return self.singular
 
+    @property
+    def failed(self) -> Flag:
+        """The flag that is true for a singular matrix, at the present statement."""
+        return self.p.false if self.singular is None else Flag.of(self.singular.value)
+
     def load_inputs(self, refs: Iterable[int]) -> None:
         """Read the inputs that the instructions `refs` need, before all branches.
 
-        These are states, parameters, and prepared numbers, which depend only on parameters.
+        Inputs are states, parameters, and prepared numbers, which depend only on parameters.
         """
         code, read = self.program.instructions, dict[int, None]()
         for ref in refs:
@@ -266,7 +275,7 @@ class Body:
     def read_factors(self, plan: Elimination, memory: Memory) -> FactoredMatrix:
         """Return the factors that `factor_dense` wrote to `memory`, for a matrix with the elimination `plan`.
 
-        They are entries if the operations of this elimination are written out, else the memory itself.
+        The result has entries if the operations of this elimination are written out, else the memory itself.
         """
         if not written_out(plan, self.style.largest):
             return FactoredMatrix({}, None, memory)
@@ -275,9 +284,9 @@ class Body:
         return FactoredMatrix(entries, memory[0].equals(0.0), None)
 
     def save(self, ref: int, out: Memory, slot: int) -> None:
-        """Write the result of instruction `ref`, which depends only on parameters, to the array `out`.
+        """Write the result of instruction `ref` to the array `out`, from index `slot` on.
 
-        It begins at index `slot`. A matrix factorization or a solution takes several numbers.
+        The result depends only on parameters. A matrix factorization or a solution takes several numbers.
         """
         instruction, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
         if instruction.op == "factor":
@@ -346,9 +355,9 @@ class Body:
             )
 
     def partner(self, instruction: Instruction) -> int | None:
-        """Return the index of the cosine of the same angle for a sine, and the converse.
+        """Return the index of the instruction with the cosine of the same angle, for a sine, and the converse.
 
-        None if the program does not have it, or if the instruction is neither.
+        The result is None if the program has no such instruction, or if `instruction` is neither a sine nor a cosine.
         """
         if instruction.op not in ANGLES:
             return None
@@ -390,9 +399,9 @@ class Body:
         return memory
 
     def factor(self, ref: int, instruction: Instruction) -> None:
-        """Add the factorization of the matrix of factor instruction number `ref`.
+        """Add the factorization of the matrix of the factor `instruction`, which has the index `ref`.
 
-        It is written out, or done in memory by a procedure, as the size of the matrix and the style decide.
+        The size of the matrix and the style decide whether it is written out, or done in memory by a procedure.
         """
         plan, p = self.program.eliminations[ref], self.p
         if written_out(plan, self.style.largest):
@@ -416,9 +425,9 @@ class Body:
         return [None if code[arg].op == "constant" and code[arg].value == 0.0 else self.value(arg) for arg in args]
 
     def solve(self, factor: int, solves: Sequence[int]) -> None:
-        """Add the solution of the systems of the instructions `solves`, which have one matrix.
+        """Add the solution of the systems of the instructions `solves`, which have the same matrix.
 
-        `factor` is the instruction that factors it.
+        `factor` is the index of the instruction that factors this matrix.
         """
         if factor not in self.factors:
             self.loaded(factor)
@@ -433,11 +442,10 @@ class Body:
                 held.entries, held.trusted, self.factored_in_memory(instruction)
             )
         if held.memory is None:
-            for ref, x in zip(solves, self.written_out(factor, held, right), strict=True):
-                self.vectors[ref] = x
+            solutions = self.written_out(factor, held, right)
         else:
-            for ref, x in zip(solves, self.in_memory(instruction.order, held.memory, right), strict=True):
-                self.vectors[ref] = x
+            solutions = self.in_memory(instruction.order, held.memory, right)
+        self.vectors.update(zip(solves, solutions, strict=True))
 
     def in_memory(self, n: int, factors: Memory, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
         """Add the solution of systems of size n by `factors` in memory. Return the solutions.
@@ -458,7 +466,7 @@ class Body:
     def rows_of(self, solves: Sequence[int]) -> tuple[Memory, int]:
         """Return the memory for the right-hand sides of the instructions `solves`, and the length of a row.
 
-        The right-hand sides are adjacent columns: entry i of number c is at i * length + c.
+        The right-hand sides are adjacent columns: entry i of right-hand side c is at i * length + c.
         """
         n, width = self.program.instructions[solves[0]].order, whole_blocks(len(solves), WIDEST_VECTOR)
         if solves[0] not in self.rows:
@@ -468,7 +476,7 @@ class Body:
     def gather(self, ref: int, solves: Sequence[int]) -> None:
         """Write the right-hand side of the solve instruction `ref`, one of the group `solves`, to memory.
 
-        This is done as soon as it is computed, to free registers.
+        The right-hand side is written as soon as it is computed, to free registers.
         """
         (rows, width), column = self.rows_of(solves), solves.index(ref)
         for i, value in enumerate(self.right(ref)):
@@ -493,8 +501,8 @@ class Body:
     ) -> list[list[Real]]:
         """Return the solutions of linear systems, by the entries of `factors`.
 
-        If a pivot is too small, they are computed with pivoting, or count as failed if the style has no
-        pivoting. `factor` is the instruction that factors the matrix, and `right` has the right-hand sides.
+        If a pivot is too small, the solutions are computed with pivoting. If the style has no pivoting, they count as
+        failed. `factor` is the index of the instruction that factors the matrix, and `right` has the right-hand sides.
         """
         p, instruction, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
         failed = self.fails()

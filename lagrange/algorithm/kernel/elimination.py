@@ -1,4 +1,7 @@
-"""L D L^T of a small or sparse symmetric matrix as statements of a procedure. Zeros are omitted."""
+"""Written-out linear solves: L D L^T of a small or sparse symmetric matrix as statements of a procedure.
+
+Operations with entries that are always zero are omitted.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,11 @@ Entries = Mapping[tuple[int, int], Real]
 
 
 def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
-    """Return the factor L of a matrix with entries `a`, by index pair, and a flag: true if it can be trusted.
+    """Return the factor L of a matrix with entries `a`, by index pair, and a flag: true if L can be trusted.
 
     The diagonal of L has 1/d instead of 1. p builds the procedure, and `plan` has the nonzero entries of L. The
-    flag is true if every pivot is large enough. A pivot is compared with its diagonal entry. The diagonal entry
-    of a multiplier is zero: its pivot is compared with the subtracted terms, those of G M^-1 G^T of the
-    constraint.
+    flag is true if every pivot is large enough. A pivot is compared with its diagonal entry. The diagonal entry of
+    a multiplier is zero: its pivot is compared with the subtracted terms, those of G M^-1 G^T of the constraint.
     """
     lower: dict[tuple[int, int], Real] = {}
     scaled: dict[tuple[int, int], Real] = {}
@@ -60,10 +62,10 @@ def write_band(p: Builder, plan: Elimination, a: Entries, to: Memory) -> None:
 def _trusted(
     p: Builder, plan: Elimination, j: int, a: Entries, products: Sequence[tuple[Real, Real]], scaled: Entries
 ) -> Flag:
-    """Return the flag that pivot j has the right sign, and is not small compared with its terms.
+    """Return a flag that is true if pivot j has the right sign, and is not small compared with its terms.
 
-    `a` has the entries of the matrix. `products` are pairs of factors of the terms that were subtracted from
-    the diagonal entry j, and `scaled` has the pivot.
+    `a` has the entries of the matrix. `products` are pairs of factors of the terms that were subtracted from the
+    diagonal entry j, and `scaled` has the pivot.
     """
     pivot = scaled.get((j, j), p.real(0.0))
     if j not in plan.negative:

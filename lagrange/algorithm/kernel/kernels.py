@@ -1,11 +1,11 @@
-"""Programs as procedures that share one array of prepared numbers.
+"""Functions of generated code: one that prepares parameters, and one for each quantity, such as the energy.
 
     prepare(parameters, p)             p = the parameters, then the results that depend only on them
     prepare(p)                         the same for an array that begins with the parameters
     name(t, y, p, out)                 the results of a program at a time and a state
     name_by_value(t, y0, ..., p)       the same as values, for callers that keep a state in registers or in rows
 
-Each returns True if a matrix is singular within rounding; its results are then invalid.
+Each function returns True if a matrix is singular within rounding; its results are then invalid.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from lagrange.program.program import Instruction, Program
 ZERO_CONSTANT = Instruction("constant")
 
 MANY_ZEROS = 32
-"""Number of zero results from which they are cleared in a loop: many stores are slow to compile."""
+"""Number of zero results from which a loop clears the results first: many single stores are slow to compile."""
 
 
 def cleared_outputs(program: Program) -> frozenset[int]:
-    """Return the indices of outputs that are always zero, if they are many: a loop clears all outputs first.
+    """Return the indices of outputs that are always zero; an empty set for fewer than `MANY_ZEROS`.
 
-    If they are few, the result is empty.
+    Code then clears all outputs in a loop first.
     """
     zeros = [index for index, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO_CONSTANT]
     return frozenset(zeros if len(zeros) >= MANY_ZEROS else ())
@@ -105,7 +105,7 @@ def kernel(
     for index, ref in enumerate(program.outputs):
         if index not in cleared:
             out[index] = p.real(body.value(ref))
-    p.leave(p.false if body.singular is None else body.singular.value)
+    p.leave(body.failed)
     return p.finish(FLAG)
 
 
@@ -126,7 +126,7 @@ def kernel_by_value(
             body.values[ref] = state[instruction.place]
     body.run(range(program.hoisted, len(program.instructions)))
     results = [p.real(body.value(ref)) for ref in outputs]
-    p.leave(*results, p.false if body.singular is None else body.singular.value)
+    p.leave(*results, body.failed)
     return p.finish(*[REAL] * len(results), FLAG)
 
 
@@ -176,9 +176,9 @@ def array_of(name: str) -> Callable[[Procedure], Any]:
 def guarded_quantity(t: float, y: In, p: In, out: Out, *, formulas: Procedure, entries: Procedure) -> bool:
     """Write a quantity to `out` by the procedure `formulas`. Return True if a matrix is singular.
 
-    t and y are the time and the state. p has the parameters and the values that depend only on them. A matrix
-    is also singular if a result is not finite and one of the divisors, which the procedure `entries` computes,
-    is zero.
+    t and y are the time and the state. p has the parameters and the values that depend only on them. A matrix also
+    counts as singular if a result is not finite and one of the divisors, which the procedure `entries` computes, is
+    zero.
     """
     singular: bool = generated(formulas, t, y, p, out)
     zero_or_nan = 0.0
