@@ -36,7 +36,9 @@ class Outcome(enum.IntEnum):
 
 
 WIDEST_VECTOR = 8
-"""Number of doubles in the widest vectors of processors: of numbers, steps or members that are computed at once."""
+"""Number of doubles in the widest vector registers. Compiled code computes this number of values, steps or ensemble
+members at once.
+"""
 
 
 def whole_blocks(count: int, block: int) -> int:
@@ -48,44 +50,49 @@ STRETCH_TO_END = 1.01
 """A step that reaches the end of the run within one percent is stretched to the end."""
 
 SPACING, EARLIEST = 16 * 2.0**-52, 1e-290
-"""The shortest step as a fraction of the time: a shorter one is lost in the rounding of the time. The second number
-replaces a time that is closer to zero: there no step is lost.
+"""The shortest step as a fraction of the time: a shorter one is lost in the rounding of the time. `EARLIEST` replaces a
+time that is closer to zero, where no step is lost.
 """
 
 LEAST_FLOOR = 1e-307
-"""Floor of an entry without a known size: positive, and smaller than any state."""
+"""Floor (least absolute tolerance) of a state entry whose size is unknown: positive, and smaller than any state."""
 
 SMALL_FLOOR = 2.0**-24
-"""In lanes and other packages, an entry may be rounding if its floor is below this fraction of the largest of its kind.
+"""In ensembles and in other libraries, an entry of the state may be rounding noise if its floor (least absolute
+tolerance) is below this fraction of the largest floor of entries of its kind.
 """
 
 MOST_SURVEYS = 8
-"""Largest number of estimates of the sizes in a run. If steps still decrease after them, the motion requires it."""
+"""Largest number of times that a run estimates the sizes of the state's entries. If the steps still become shorter
+after that, the solution requires short steps.
+"""
 
 FAR_FROM_ZERO = 1e-6
-"""If a step is below this fraction of the time, rounding the time changes the step by a relative 1e-10."""
+"""If a step is below this fraction of the time, rounding of the time changes the length of the step by a relative
+1e-10.
+"""
 
 AFTER_DIVERGED, AFTER_BROKEN = 0.5, 0.25
-"""Factors of the step length after a failure. The first is for Newton's method, which may converge at half the length.
-The second is for a state or slope that is not finite: the step must become shorter to stay in the domain.
+"""Factors of the step length after a failed step. `AFTER_DIVERGED`: Newton's method did not converge; it may do so at
+half the length. `AFTER_BROKEN`: a state or slope is not finite, so the step must become shorter to stay in the domain.
 """
 
 FIRST_SHARE = 0.01
-"""Bound of the relative change of the state in the Euler step of the trial length, for the first step. The error of the
-first step is aimed at the same fraction of the tolerance.
+"""Bound of the relative change of the state in the trial Euler step, which determines the length of the first step. The
+error of the first step is aimed at the same fraction of the tolerance.
 """
 
 RELATIVE_PERTURBATION = 2.0**-26
 """Relative perturbation of the state for estimating sensitivities: the square root of the unit of round-off."""
 
 SLOPE_NOISE = 2.0**-44
-"""Relative rounding of a slope, as a fraction of its sensitivity, over the natural period. Slopes are rounded to a few
-units of 2**-52 of their terms.
+"""Relative rounding error of a slope, as a fraction of its sensitivity, over the natural period. Slopes are rounded to
+a few units of 2**-52 of their terms.
 """
 
 FIRST_TRIAL, DEFAULT_FIRST = 2.0**-20, 1e-3
-"""Fractions of the run: the trial length if no nonzero entry has a slope, as in a state at rest; and the first step if
-neither slopes nor their changes determine one.
+"""Step lengths as fractions of the run. `FIRST_TRIAL`: the trial length if no nonzero entry has a slope, as in a state
+at rest. `DEFAULT_FIRST`: the first step if neither slopes nor their changes determine one.
 """
 
 

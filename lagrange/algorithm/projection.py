@@ -1,8 +1,9 @@
 """Projection of the state onto its constraints at the end of a step, and compensated addition.
 
-The corrections are those of `lagrange.program.catalogue`: a Newton step whose remainder is proportional to the square
-of the violation. They are normal to the constraints in the metric of the mass matrix, so that the energy changes in
-second order only.
+The corrections come from `lagrange.program.catalogue`: a Newton step whose remainder is proportional to the square of
+the violation. The corrections are normal to the constraints in the metric of the mass matrix, so that the energy
+changes in second order only.
+
 Source of compensated addition: D. E. Knuth, The Art of Computer Programming, vol. 2, 3rd ed., 1997, 4.2.2, theorem B.
 """
 
@@ -41,13 +42,13 @@ its distance from that configuration. A double root is determined to half of the
 """
 
 MOST_AT_START = 2.0**-20
-"""Largest relative violation of the initial state of an exported integrator, which projects it onto the constraints.
-From a larger violation, another motion would result.
+"""Largest relative violation of the initial state of an exported integrator, which projects the state onto the
+constraints. A larger violation is refused: the projected state would be a different initial state.
 """
 
 PROJECTION_CORRECTIONS = 8
-"""Largest number of corrections. Newton's method needs 2 or 3 for the largest violations that a step leaves. More means
-that it does not converge.
+"""Largest number of corrections of a state. Newton's method needs 2 or 3 for the largest violations that a step leaves,
+and otherwise does not converge.
 """
 
 MOST_WRITTEN_BEYOND = 8

@@ -1,10 +1,9 @@
-"""Dense output on a block of steps, one in each column: the memory of the polynomials, and their values at many times.
+"""Dense output: states at any times along a run, computed from polynomials of its steps, several steps at once.
 
-A block has `columns` steps, and its vectors are stored by columns: entry j of step b is at index j * columns + b. So
-one operation on an entry serves many steps at once. Machine code has blocks of `WIDEST_VECTOR` steps; the last block
-may repeat a step. The numpy machine has one column for each step.
-
-At many times the polynomial of a step is computed once.
+A block has `columns` steps, one in each column. Its vectors are stored by columns: entry j of step b is at index j *
+columns + b. So one operation on an entry serves many steps at once. Machine code has blocks of `WIDEST_VECTOR` steps;
+the last block may repeat a step. The numpy machine has one column for each step. The polynomial of a step is computed
+once for all output times on the step.
 """
 
 from __future__ import annotations
@@ -35,8 +34,9 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 COLUMNS = Callee((WHOLE, READ, READ, READ, READ, Array()), (WHOLE,))
-"""Type of a function that evaluates a law over columns. Arguments: the number of columns; their times, coordinates and
-velocities; the parameters; the results. It returns the first column with a singular matrix, or -1.
+"""Type of a compiled right-hand side that is evaluated at several states, one in each column. Arguments: the number of
+columns; their times, coordinates and velocities; the parameters; the results. It returns the first column with a
+singular matrix, or -1.
 """
 
 INVERT = Callee((WHOLE, WHOLE, Array(), Array()), ())
@@ -104,8 +104,8 @@ def block_size(dimension: int, columns: int) -> int:
 class BlockSteps:
     """Steps of a block, by columns: start times t, lengths h, states y at the starts and `new` at the ends.
 
-    `side` is the position of a neighbouring step: -1.0 before, 1.0 after, 0.0 if there is none. All are parts
-    of `memory`.
+    `side` is the position of a neighbouring step: -1.0 before, 1.0 after, 0.0 for no neighbour. All arrays are
+    parts of `memory`. `dimension` is the length of a state.
     """
 
     memory: Any
@@ -211,7 +211,7 @@ class PolynomialBlock:
 
     @inline
     def each_column(self) -> Iterator[int]:
-        """Loop over the indices of the columns."""
+        """Loop over the indices of the columns, one for each step of the block."""
         yield from each(self.columns, width=WIDEST_VECTOR, spill=True, disjoint=True)
 
     @inline
@@ -226,7 +226,7 @@ class PolynomialBlock:
     def slopes(self, t: In, y: In, out: Out) -> None:
         """Write the time derivatives of the states y at times t, by columns, to `out`.
 
-        They are NaN in columns with a singular mass matrix.
+        The derivatives are NaN in columns with a singular mass matrix.
         """
         slopes(self.law, self.parameters, self.dimension, self.columns, t, y, self.work, out)
 
@@ -235,7 +235,7 @@ READ_STEPS, WRITTEN = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VE
 
 
 def block_type() -> Bundle:
-    """Return the type of a `PolynomialBlock` parameter of a procedure."""
+    """Return the type of a procedure's parameter of class `PolynomialBlock`: its arrays and callbacks."""
     functions = {"law": COLUMNS, "jacobian": COLUMNS, "invert": INVERT}
     memory = {"step_data": READ_STEPS, "neighbours": READ_STEPS, "work": WRITTEN, "out": WRITTEN}
     return Bundle(PolynomialBlock, {**functions, **memory})
@@ -305,8 +305,8 @@ def horner(
 ) -> None:
     """Write the values of a polynomial with vector values at `count` fractions `theta` of a step to `out`.
 
-    c has its coefficients: that of power k and entry j at index k * row + j * column. Entry j at fraction i is
-    written to index j * stride + i of `out`. Two entries are computed at a time, so `dimension` is even.
+    The coefficient of power k and entry j is at index k * row + j * column of c. Entry j at fraction i is written
+    to index j * stride + i of `out`. Two entries are computed at a time, so `dimension` is even.
     """
     for j in range(0, dimension, 2):
         sources = tuple(c[(j + i) * column :] for i in unrolled(2))
@@ -335,8 +335,8 @@ def gather(
     """Copy the times and states of `columns` steps of a run to `step_data`, in the layout of `BlockSteps`.
 
     `starts` has the indices of these steps. `times` and `states` are those of the whole run, which has `steps`
-    steps. If `with_neighbours` is 1, a neighbour of each step is copied to `neighbours`: the previous step, or the
-    next one for the first step.
+    steps. If `with_neighbours` is 1, a neighbour of each step is copied to `neighbours`. The neighbour is the
+    previous step, or the next one for the first step.
     """
     for b in range(columns):
         s = starts[b]
@@ -368,10 +368,10 @@ def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: 
 class RunPath:
     """A run whose states between the ends of its steps are computed by dense output.
 
-    The callback `polynomial` writes the polynomials of a block of `columns` steps. Its first argument `given` has the
-    data of the method. If `both` is 1 it needs the neighbours of the steps. `times` and `states` are those at the ends
-    of the `steps` steps of the run. `step_data` is memory for a block of steps, `neighbours` for a neighbour of each,
-    and `work` is work memory.
+    The callback `polynomial` writes the polynomials of a block of `columns` steps, of a `degree`. Its first
+    argument `given` has the data of the method. If `both` is 1, it also reads the neighbours of the steps. `times`
+    and `states` are those at the ends of the `steps` steps of the run. `step_data` is memory for a block of steps,
+    `neighbours` for a neighbour of each, and `work` is work memory.
     """
 
     polynomial: Callable[..., None]
@@ -396,15 +396,16 @@ class RunPath:
 
 
 def path_type() -> Bundle:
-    """Return the type of a `RunPath` parameter of a procedure."""
+    """Return the type of a procedure's parameter of class `RunPath`: its callback and its arrays."""
     return Bundle(RunPath, {"polynomial": POLYNOMIAL})
 
 
 @procedure(path=path_type)
 def polynomials(path: RunPath, starts: WholesIn, blocks: int, out: Out) -> None:
-    """Write the coefficients of the polynomials of `blocks` blocks of steps to `out`, block by block.
+    """Write the polynomials of `blocks` blocks of steps of the run `path` to `out`, block by block.
 
-    `starts` are the indices of the steps in the run, `columns` of them for each block.
+    Each polynomial is written as its coefficients. `starts` are the indices of the steps in the run, `columns` of
+    them for each block.
     """
     for k in range(blocks):
         path.write(starts[k * path.columns :], out[(path.degree + 1) * path.dimension * path.columns * k :])
@@ -439,11 +440,11 @@ def has_begun(times: In, steps: int, step: int, time: float, sign: float) -> boo
 
 @procedure(path=path_type, out=lambda: BLOCKS)
 def outputs(path: RunPath, output_times: In, count: int, sign: float, out: Out, stride: int, c: Out) -> None:
-    """Write the states at `count` sorted times `output_times` along a run to `out`.
+    """Write the states of the run `path` at `count` sorted times `output_times` to `out`.
 
-    Entry j at time i has the index j * stride + i. The polynomial of a step is computed once, in the memory c.
-    At the time of a step the accepted state is copied; of two states at one time, the later one. `sign` is the
-    direction of the run, 1.0 or -1.0.
+    Entry j at time i has the index j * stride + i. The polynomial of a step is computed once, in the memory c. At
+    the end of a step the accepted state is copied. If two steps end at the same time, as at a reset, the state of
+    the later step is copied. `sign` is the direction of the run, 1.0 or -1.0.
     """
     times, columns, dimension = path.times, path.columns, path.dimension
     starts, begins = wholes(WIDEST_VECTOR), wholes(WIDEST_VECTOR + 1)
@@ -483,9 +484,9 @@ def on_step(
 ) -> None:
     """Write the states at `count` sorted times `output_times` on one step to `out`.
 
-    Entry j at time i has the index j * stride + i. c has the coefficients of the step's polynomial: that of
-    power k and entry j at index (k * dimension + j) * columns. `times` and `states` begin with the start and
-    the end of the step. At these times the state is copied.
+    Entry j at time i has the index j * stride + i. c has the coefficients of the step's polynomial. The coefficient
+    of power k and entry j is at index (k * dimension + j) * columns. `times` and `states` begin with the start and
+    the end of the step. At these two times the state is copied.
     """
     theta = reals(CHUNK, room=WIDEST_VECTOR)
     t, end = times[0], times[1]
@@ -511,6 +512,6 @@ def on_step(
 
 @inline
 def copy_state(state: In, dimension: int, out: Out, stride: int) -> None:
-    """Write the entries of a state to `out`, at indices that are multiples of `stride`."""
+    """Write the entries of a state of length `dimension` to `out`, at indices that are multiples of `stride`."""
     for j in range(dimension):
         out[j * stride] = state[j]

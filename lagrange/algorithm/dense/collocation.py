@@ -1,10 +1,10 @@
-"""Dense output of stiffly accurate collocation (Radau): the polynomial of a step, raised by one degree.
+"""Dense output of implicit collocation methods (Radau): the polynomial of a step, raised by one degree.
 
-The last stage is the end of the step and known; the other stages are solved for. Stages, polynomial and slopes have
-order s. With one more slope, at the start, the integral of the slopes is a path of order s + 1. This slope is the last
-one of the previous step. For the first step it is the first slope of the next step. A step without a neighbour keeps
-its polynomial. All slopes are derivatives of polynomials, not values of the law: on a stiff system rounding of the
-state causes a large error of the law.
+The methods are stiffly accurate: the last stage is the end of the step and known, and the other stages are solved for.
+Stages, polynomial and slopes have order s. With one more slope, at the start, the integral of the slopes is a path of
+order s + 1. This slope is the last one of the previous step. For the first step it is the first slope of the next step.
+A step without a neighbour keeps its polynomial. All slopes are derivatives of polynomials, not values of the right-hand
+side: on a stiff system, rounding of the state causes a large error of the right-hand side.
 """
 
 from __future__ import annotations
@@ -30,14 +30,16 @@ from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely
 
 STAGE_CORRECTIONS = 12
-"""Largest number of corrections of the inner stages; 3 to 5 reduce the error of a straight line to rounding."""
+"""Largest number of Newton corrections of the inner stages. From points on a straight line, 3 to 5 reduce the error to
+rounding.
+"""
 
 SETTLED = 1e-14
 """Stages have converged if a correction is below this fraction of the state."""
 
 INCREMENTS, JOINED = WorkSize(vectors=4, rows=3), WorkSize(vectors=4, rows=3)
 ROOM = WorkSize(*(sum(counts) for counts in zip(JOINED, SPARE, INCREMENTS, strict=True)))
-"""Work memory: for joining the slopes, then for the increments, then spare memory."""
+"""Size of the work memory: for `join`, then for `increments`, then spare memory."""
 
 
 def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> StepPolynomial:
@@ -70,8 +72,8 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
 def increments(block: PolynomialBlock) -> None:
     """Write the change of the state from the start of each step to each of its stages to `block.out`.
 
-    There is one vector for each stage. The stages are found by Newton's method, beginning with points on the
-    line between the ends of the step. These points remain if the law has no finite value.
+    There is one vector for each stage. The stages are found by Newton's method, beginning with points on the line
+    between the ends of the step. These points are the result if the right-hand side has no finite value.
     """
     step, total, stages = steps_in(block.step_data, block.dimension, block.columns), block.total, block.stages
     (h, gap, _, _), (time, _, active), slopes = block.lay_out(INCREMENTS)
@@ -101,8 +103,8 @@ def increments(block: PolynomialBlock) -> None:
 def linearize(block: PolynomialBlock, step: BlockSteps) -> None:
     """Write the inverse of the Newton matrix I - h A J of each step's inner stages to work memory.
 
-    J is the derivative of the right-hand side at the end of the step, and A the matrix of the method. The
-    inverse is NaN in all columns if a mass matrix is singular.
+    J is the derivative of the right-hand side at the end of each step, and A the matrix of the method. The inverse
+    is NaN in all columns if a mass matrix is singular. `block` and `step` have the data of the steps.
     """
     n, columns, stages = block.dimension, block.columns, block.stages
     _, (time, row, _), slopes = block.lay_out(INCREMENTS)
@@ -128,10 +130,10 @@ def linearize(block: PolynomialBlock, step: BlockSteps) -> None:
 
 @inline
 def entry(block: PolynomialBlock, matrix: Out, row: int, column: int) -> Out:
-    """Return entry (row, column) of the Newton matrices: an array with one number for each step.
+    """Return entry (row, column) of the Newton matrices of all steps: an array with one number for each step.
 
-    `matrix` has the matrices of all steps. Each row of a matrix is followed by the row of its inverse: column
-    `order` + j is column j of the inverse, for matrices of size `order`.
+    `matrix` has the matrices of the steps of a `block`. Each row of a matrix is followed by the row of its inverse:
+    column `order` + j is column j of the inverse, for matrices of size `order`.
     """
     order = (block.stages - 1) * block.dimension
     return matrix[(row * 2 * order + column) * block.columns :]
@@ -186,7 +188,7 @@ def move(block: PolynomialBlock, step: BlockSteps) -> None:
 
 @inline
 def straighten(block: PolynomialBlock) -> None:
-    """Replace all stages of a step by points on the line between its ends if some stage is not finite."""
+    """Replace all stages of a step of the `block` by points on the line between its ends if a stage is not finite."""
     total = block.total
     (_, gap, _, spread), (_, row, _), _ = block.lay_out(INCREMENTS)
     for b in block.each_column():
@@ -205,7 +207,10 @@ def straighten(block: PolynomialBlock) -> None:
 
 @procedure(block=block_type)
 def collocation(block: PolynomialBlock) -> None:
-    """Write the polynomials of a block of steps through their stages, with slopes continuous between steps."""
+    """Write the polynomials of a block of steps through their stages to `block.out`, by powers.
+
+    The slopes are continuous between steps.
+    """
     total, stages = block.total, block.stages
     _, _, gains = block.lay_out(JOINED)
     neighbour_gains, rest = gains[stages * total :], gains[2 * stages * total :]
@@ -236,9 +241,9 @@ def write(block: PolynomialBlock, gains: In) -> None:
 
 @inline
 def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
-    """Return four parts of the table of `collocation_polynomial`, those after the matrix A.
+    """Return the four parts that follow the matrix A in the table of `collocation_polynomial`.
 
-    They are the inverse of A; the derivatives of the Lagrange polynomials; the polynomial that is zero at the
+    The parts are: the inverse of A; the derivatives of the Lagrange polynomials; the polynomial that is zero at the
     stages; and the contributions to the path, by powers of theta.
     """
     square = stages * stages

@@ -1,12 +1,12 @@
 """Dense output of steps: Picard's iteration from Hermite's cubic, Runge-Kutta stages, or Taylor series.
 
-Any method: the integral of the right-hand side along a path of order p is a path of order p + 1. Its difference from
-the state at the end is distributed over the step by a cubic that is flat at both ends. So the path meets both ends with
-their slopes, and needs only the right-hand side. On long steps, such as those of implicit methods, the iteration may
-diverge. Then the path is the last accepted iterate, or the cubic.
+For any method: the integral of the right-hand side along a path of order p is a path of order p + 1. Its difference
+from the state at the end is distributed over the step by a cubic that is flat at both ends. So the path meets both ends
+with their slopes, and needs only the right-hand side. On long steps, such as steps of implicit methods, the iteration
+may diverge. Then the path is the last accepted iterate, or the cubic.
 
-A Runge-Kutta method: its stages are computed again, and their weighted sums are the coefficients. A Taylor step: the
-series is computed again at the start of the step.
+For a Runge-Kutta method, the stages are computed again, and their weighted sums are the coefficients. For a Taylor
+step, the series is computed again at the start of the step.
 
 Source: W. H. Enright, K. R. Jackson, S. P. Norsett, P. G. Thomsen, Interpolants for Runge-Kutta formulas, ACM Trans.
 Math. Softw. 12, 1986, with Chebyshev's nodes in place of theirs.
@@ -153,11 +153,11 @@ def measure(block: PolynomialBlock) -> None:
 
 @inline
 def iterate(block: PolynomialBlock, step: BlockSteps, cubic: Cubic) -> None:
-    """Write the next iterate of Picard's iteration after the present one in work memory.
+    """Write the next iterate of Picard's iteration after the present one in the work memory of the `block`.
 
-    An iterate is the difference of the path's slope from the cubic's slope at each inner node. The present
-    differences are integrated to states on the path. There the right-hand side, times h, is evaluated, and the
-    slope of the cubic is subtracted.
+    An iterate is the difference of the path's slope from the slope of the `cubic` at each inner node of the `step`.
+    The present differences are integrated to states on the path. There the right-hand side, times h, is evaluated,
+    and the slope of the cubic is subtracted.
     """
     total, stages = block.total, block.stages
     (h, _, _, state, _), (time, _, _, _), changes = block.lay_out(ROOM)
@@ -177,7 +177,7 @@ def iterate(block: PolynomialBlock, step: BlockSteps, cubic: Cubic) -> None:
 def judge(block: PolynomialBlock) -> None:
     """Replace the present iterate of Picard's iteration by the next one, in the columns that converge.
 
-    There the change between the two is less than half of the previous change.
+    A column converges if the change from one iterate to the next is less than half of the previous change.
     """
     total, stages = block.total, block.stages
     (_, _, _, _, largest), (_, moved, size, better), changes = block.lay_out(ROOM)
@@ -205,8 +205,8 @@ def judge(block: PolynomialBlock) -> None:
 def write(block: PolynomialBlock, cubic: Cubic, changes: In) -> None:
     """Write the coefficients of the steps' polynomials to `block.out`, one power of theta after the other.
 
-    They are those of the cubic through both ends, plus a weighted sum of `changes`: the differences between the
-    slopes of the path and of the cubic at the inner nodes.
+    They are the coefficients of the cubic through both ends of the step, plus a weighted sum of `changes`: the
+    differences between the slopes of the path and of the cubic at the inner nodes.
     """
     total, stages, out = block.total, block.stages, block.out
     for power in range(4, block.degree + 1):
@@ -230,13 +230,13 @@ def write(block: PolynomialBlock, cubic: Cubic, changes: In) -> None:
 
 @cache
 def nodes(count: int) -> FloatArray:
-    """Return the `count` extrema of Chebyshev's polynomial on [0, 1], including both ends."""
+    """Return the `count` extrema of Chebyshev's polynomial of degree `count` - 1 on [0, 1], including both ends."""
     return np.asarray(np.sin(np.pi * np.arange(count) / (2 * (count - 1))) ** 2)
 
 
 @cache
 def weights(count: int) -> FloatArray:
-    """Return for each node the contribution of a slope of 1 there to the path, by powers of theta.
+    """Return for each node the contribution of a slope of 1 at the node to the path, by powers of theta.
 
     The shape is (count, count + 2). A contribution is the integral of the node's Lagrange polynomial, minus a
     cubic by which it becomes zero at theta = 1.
@@ -254,7 +254,7 @@ def weights(count: int) -> FloatArray:
 
 @cache
 def integrals(count: int) -> FloatArray:
-    """Return the matrix (count, count) that maps changes of slopes at the nodes to changes of states there."""
+    """Return the matrix (count, count) that maps changes of slopes at the nodes to changes of states at the nodes."""
     powers = nodes(count)[:, None] ** np.arange(count + 2)
     return np.asarray(powers @ weights(count).T)
 
@@ -278,11 +278,12 @@ def runge_kutta_polynomial(rows: FloatArray, abscissae: FloatArray, weights: Flo
 
 @procedure(block=block_type)
 def runge_kutta(block: PolynomialBlock) -> None:
-    """Write the polynomials of a block of steps from the stages of a method.
+    """Write the polynomials of a block of steps from the stages of a Runge-Kutta method to `block.out`.
 
-    The table has the abscissae, the rows, and the weights for each power of theta. The weights add up to theta,
-    so that slopes enter only by their differences from the first slope: weights of some hundred then amplify
-    less rounding. If a slope is not finite, the step has no path, even if its coefficients are zero.
+    The table has the abscissae, the rows, and the weights for each power of theta. The weights add up to theta, so
+    that slopes enter only by their differences from the first slope: weights of some hundred then amplify less
+    rounding. If a slope is not finite, the polynomial is not finite, even if the slope has weight zero. Then a
+    parabola replaces it.
     """
     step = steps_in(block.step_data, block.dimension, block.columns)
     total, stages, out = block.total, block.stages, block.out
@@ -316,7 +317,9 @@ def runge_kutta(block: PolynomialBlock) -> None:
 
 
 HALF = 2**0.5
-"""Mantissa of a step length from which its time scale is the next larger power of two."""
+"""A step length m * 2**e, with m from 1 to 2, is rounded up to a power of two if m is above this value, and else down.
+So its ratio to the power of two is within a factor of sqrt(2).
+"""
 
 
 @procedure(jet=lambda: JET)

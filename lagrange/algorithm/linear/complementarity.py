@@ -18,10 +18,12 @@ the ratio test are equal if they differ by less than this.
 """
 
 PIVOTS_PER_ROW = 50
-"""Largest number of pivots for each row. A problem with a solution needs about one."""
+"""Largest number of pivots per row of the tableau, after which the method fails. A problem with a solution needs about
+one.
+"""
 
 NO_ROW = -1
-"""Index in place of a row that is not there."""
+"""Index of a missing row: no row of the tableau limits the entering variable."""
 
 
 @procedure
@@ -52,7 +54,10 @@ def lemke(n: int, matrix: In, right: In, tableau: Out, basis: WholesOut, solutio
 
 @inline
 def begin(n: int, matrix: In, right: In, tableau: Out, basis: WholesOut, solution: Out) -> None:
-    """Write the first tableau, in which each row determines an entry of w, and zeros to `solution`."""
+    """Write the first tableau of n rows, in which each row determines an entry of w, and zeros to `solution`.
+
+    `matrix` is M, stored by rows, and `right` is q. `basis` receives the index of the variable of each row.
+    """
     for i in range(n):
         row = tableau[i * (2 * n + 2) :]
         row[:n] = 0.0
@@ -65,7 +70,7 @@ def begin(n: int, matrix: In, right: In, tableau: Out, basis: WholesOut, solutio
 
 @inline
 def lowest(n: int, values: Readable[float]) -> int:
-    """Return the index of the least of n values, the first of several."""
+    """Return the index of the least of n values. If several are least, it is the first of these."""
     row, least = 0, values[0]
     for i in range(1, n):
         if values[i] < least:
@@ -75,7 +80,7 @@ def lowest(n: int, values: Readable[float]) -> int:
 
 @inline
 def exchange(n: int, tableau: Writable[float], row: int, entering: int) -> None:
-    """Let `row` of the tableau determine the variable `entering`, whose column becomes a unit vector."""
+    """Let `row` of a tableau of n rows determine the variable `entering`, whose column becomes a unit vector."""
     width = 2 * n + 2
     pivots = tableau[row * width :]
     pivot = pivots[entering]
@@ -91,9 +96,10 @@ def exchange(n: int, tableau: Writable[float], row: int, entering: int) -> None:
 
 @inline
 def leaving_row(n: int, tableau: Readable[float], basis: Readable[int], entering: int) -> int:
-    """Return the row whose variable first becomes zero as `entering` grows, or `NO_ROW` if none does.
+    """Return the row whose variable first becomes zero as the variable `entering` grows, else `NO_ROW`.
 
-    Among equal ratios it is the row of the artificial variable, else the row with the largest pivot.
+    The `tableau` has n rows, and `basis` the index of the variable that each row determines. Among equal ratios it
+    is the row of the artificial variable, else the row with the largest pivot.
     """
     width, size, least = 2 * n + 2, 1.0, math.inf
     for i in range(n):

@@ -1,4 +1,4 @@
-"""Inverses of any matrices by Gauss-Jordan elimination with pivots: of one in place, or of many at once.
+"""Inverses of general matrices by Gauss-Jordan elimination with pivots: one matrix in place, or many at once.
 
 One matrix: the pivot of each column is its largest entry relative to the size of the row. Before that, rows are scaled,
 then columns, then rows again.
@@ -99,7 +99,7 @@ def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Re
 def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> int:
     """Return the row, from k on, whose entry in column k is largest after scaling by `units`.
 
-    It is k if no such entry is a number.
+    The result is k if all these entries are NaN.
     """
     stride = row_stride(n)
     if n > UNROLLED_ORDER:
@@ -109,7 +109,7 @@ def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> in
             larger = size > best
             best, row = size if larger else best, i if larger else row
         return row
-    # Compared in pairs: no comparison waits for more than four others.
+    # Candidates are compared in pairs, so that no comparison waits for more than four others.
     candidates = tuple(candidate(a, units, k, i, stride) for i in unrolled(n))
     for _ in unrolled((n - 1).bit_length()):
         candidates = larger_of_pairs(candidates)
@@ -121,7 +121,7 @@ def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> in
 def candidate(a: Readable[float], units: Readable[float], k: int, i: int, stride: int) -> tuple[float, int]:
     """Return (size, i) for row i as a pivot row of column k: the size of its entry after scaling by `units`.
 
-    The size is -1 if the row cannot be the pivot row: it is above row k, or the entry is not a number.
+    The size is -1 if the row cannot be the pivot row, because it is above row k, or the entry is NaN.
     """
     size = abs(a[i * stride :][k]) * units[i]
     return size if size >= 0.0 and k <= i else -1.0, i
@@ -145,9 +145,9 @@ def larger_of(a: tuple[float, int], b: tuple[float, int]) -> tuple[float, int]:
 def eliminate(n: int, a: Writable[float], pivots: Writable[float], k: int) -> None:
     """Do step k of the Gauss-Jordan elimination of the matrix a in place, with row k as the pivot row.
 
-    Multiples of row k are subtracted from all other rows, and column k becomes that of the inverse. `pivots` is
-    work memory for a row. Whole blocks are stored, including the entry of column k: storing this entry
-    separately would delay the next load of its block.
+    Multiples of row k are subtracted from all other rows, and column k becomes column k of the inverse. `pivots` is
+    work memory for a row. Whole blocks are stored, including the entry of column k: storing this entry separately
+    would delay the next load of its block.
     """
     stride, short = row_stride(n), n <= UNROLLED_ORDER
     pivot_row = a[k * stride :]

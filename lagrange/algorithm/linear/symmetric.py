@@ -1,12 +1,12 @@
 """Factor, solve and invert symmetric matrices, with pivoting if a pivot is small; the test for singular matrices.
 
-A matrix is given as its lower triangle by columns: entry (i, j), i >= j, at j*n + i. It is factored as L D L^T without
-pivoting, which is stable for a positive definite mass matrix. If a pivot vanishes against its diagonal entry, at
-`PIVOT`, the matrix is factored again with pivoting, which works for every regular matrix. The matrix counts as singular
-only if a pivot vanishes with pivoting too. A zero factor subtracts nothing and its column is skipped, so that the time
-for a sparse matrix in a good order is proportional to n^2. Factors are kept in an array of `factor_size(n)` reals:
-[kind, rest]. The rest is [1/d (n), n unused, columns (n*n)] of L D L^T for kind 0, with L below the diagonal, and the
-factors of `factor_pivoted` for kind 1.
+A matrix is given as its lower triangle by columns: entry (i, j), i >= j, at j*n + i. The matrix is factored as L D L^T
+without pivoting, which is stable for a positive definite mass matrix. If a pivot vanishes against its diagonal entry,
+at `PIVOT`, the matrix is factored again with pivoting, which works for every regular matrix. The matrix counts as
+singular only if a pivot vanishes with pivoting too. A zero factor subtracts nothing and its column is skipped, so that
+the time for a sparse matrix in a good order is proportional to n^2. Factors are kept in an array of `factor_size(n)`
+reals: [kind, rest]. The rest is [1/d (n), n unused, columns (n*n)] of L D L^T for kind 0, with L below the diagonal,
+and the factors of `factor_pivoted` for kind 1.
 
 Elimination with pivoting is P A = L U with scaled partial pivoting, within a band: entries (i, j) with |i - j| above
 the `band` are zero. Entry (i, j) is at j*band + i, which for a band of n is a full matrix by columns. Row exchanges
@@ -38,8 +38,8 @@ this size, 64 rounding errors. The entries of its inverse, in units in which its
 """
 
 PREFERENCE = 2.0**4
-"""Factor on the sizes of rows of constraints in the choice of a pivot. A constraint is solved for a coordinate before
-an inertia is: the inertia may be that of a light body, or only rounding.
+"""Factor on the sizes of rows of constraints in the choice of a pivot. Constraints are preferred, because an inertia
+may belong to a light body, or be only rounding.
 """
 
 
@@ -58,7 +58,7 @@ def band_size(n: int, band: int) -> int:
 def pivoted_size(n: int, band: int) -> int:
     """Return the number of reals of the factors P A = L U of a matrix of size n with a half bandwidth `band`.
 
-    They include the scales and the exchanged rows.
+    The factors include the scales and the exchanged rows.
     """
     return 4 * n + n * min(n, 3 * band + 1)
 
@@ -206,7 +206,7 @@ def solve_pivoted(n: int, band: int, factors: In, b: Out) -> None:
 
 
 PIVOT_BESIDE_MULTIPLIERS = 2.0**-10
-"""Least pivot, relative to its terms, that elimination in a given order accepts in systems with multipliers. Then at
+"""Least pivot, relative to its terms, that elimination in a given order accepts in systems with multipliers. With it at
 most three digits are lost. For definite matrices no digits are lost with any pivot.
 """
 
@@ -218,7 +218,8 @@ RESIDUAL = 2.0**-40
 def least_pivot(negative: Sequence[int]) -> float:
     """Return the smallest pivot that is accepted, relative to the sizes of the terms whose sum it is.
 
-    `negative` are the indices of negative pivots, those of multipliers; it is empty without multipliers.
+    `negative` are the indices of negative pivots, which belong to multipliers. `negative` is empty without
+    multipliers.
     """
     return PIVOT_BESIDE_MULTIPLIERS if negative else PIVOT
 

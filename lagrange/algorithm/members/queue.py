@@ -1,8 +1,8 @@
-"""Queue of the members of an ensemble: each lane of a vector runs its members one after the other.
+"""Runs of the members of an ensemble in vector lanes: each lane runs its members one after the other.
 
-A lane is one entry of the vectors in which machine code runs several members at once. It runs the members whose
-index is the number of the lane, from 0 on, plus a multiple of the number of lanes. The results of a member
-depend on its own numbers only.
+A lane is one entry of the vectors in which machine code runs several members at once. It runs the members whose index
+is the number of the lane, from 0 on, plus a multiple of the number of lanes. The results of a member depend on its own
+numbers only.
 """
 
 from __future__ import annotations
@@ -36,13 +36,15 @@ ENDED_BY_EVENT = len(Outcome)
 """Code in addition to the outcomes: an event ended the member."""
 
 LANE = "lane"
-"""The argument that differs from lane to lane; all others are common."""
+"""Name of the argument that differs from lane to lane; all other arguments are the same for all lanes."""
 
 COUNTED = ("steps", "rejected", "evaluations")
 """Names of the counts that are returned for each member."""
 
 PREPARE = Callee((READ, Array()), (FLAG,))
-"""Type of a function that writes all numbers of a system from its parameters."""
+"""Type of a function that writes the prepared numbers of a system: the parameters, then all values that depend only on
+them. The flag is true for a singular matrix.
+"""
 
 
 @dataclass(frozen=True)
@@ -60,10 +62,10 @@ class SystemNumbers:
 
 @dataclass(frozen=True)
 class Observed:
-    """Values of a state that are recorded at the start and end of a run, such as its energy: `size` of them.
+    """Values of a state, such as the energy, that are recorded at the start and end of a run.
 
-    The procedure `kernel` computes them from time, state, and the parameters with all values that depend only
-    on them.
+    `size` is their number. The procedure `kernel` computes them from time, state, and the parameters with all
+    values that depend only on them.
     """
 
     kernel: Procedure
@@ -81,7 +83,10 @@ class OccurrenceArrays:
 
 @dataclass(frozen=True)
 class FirstOccurrences:
-    """Stores the first occurrences of each of `kept` events in a member's run. States have a `dimension`."""
+    """Storage of the first occurrences of events in a member's run.
+
+    `kept` is the number of events, and `dimension` the length of a state.
+    """
 
     kept: int
     dimension: int
@@ -93,7 +98,7 @@ class FirstOccurrences:
 
     @inline
     def begin(self, seen: WholesOut) -> None:
-        """Reset the counts `seen` of occurrences at the start of a member's run."""
+        """Set the counts of occurrences, `seen`, to zero at the start of a member's run."""
         for event in unrolled(self.kept):
             seen[event] = 0
 
@@ -198,14 +203,14 @@ class Member:
     state: Out
     observed: Out
     reduced: Any
-    """The reductions of expressions so far, see `Reduced`, or None."""
+    """Results of the reductions of expressions so far, a `Reduced`, or None without reductions."""
 
     method_memory: Any
     """Further memory of the method."""
 
 
 class MemberMethod(ABC):
-    """A method by which members run: its memory, the start of a run, and its steps.
+    """An integration method for members of an ensemble: its memory, the start of a run, and its steps.
 
     `functions` maps names of functions of a `MemberJob` to procedures: `law` and, for Taylor runs with events,
     `values`. `law_type` is the type of `law`. `watched_type` is the class of the arguments of the search for
@@ -223,9 +228,9 @@ class MemberMethod(ABC):
 
     @abstractmethod
     def memory(self, job: MemberJob, numbers: In) -> tuple[tuple[Out, ...], Any]:
-        """Return memory for the parts of the state, which are its vectors, and an object with other memory.
+        """Return memory for the state, as one or several vectors, and an object with the other memory of the method.
 
-        `numbers` is memory for the numbers of the member.
+        `job` has the settings, and `numbers` is memory for the prepared numbers of the member.
         """
 
     @abstractmethod
@@ -241,7 +246,7 @@ class MemberMethod(ABC):
 
     @abstractmethod
     def attempts(self, job: MemberJob, member: Member) -> int:
-        """Return the number of trial steps of a member so far, which the budget limits."""
+        """Return the number of trial steps of a member so far. The budget of the job limits it."""
 
     def build(self) -> Procedure:
         """Return the procedure that runs members by this method."""
@@ -252,7 +257,7 @@ class MemberMethod(ABC):
 
 
 def job_type(method: MemberMethod) -> Bundle:
-    """Return the type of a procedure's parameter of the class `MemberJob`, for a method."""
+    """Return the type of a procedure's parameter of the class `MemberJob`, for a `method`."""
     values = FUNCTION if "values" in method.functions else None
     types: dict[str, Stated] = {"law": method.law_type, "observe": FUNCTION, "values": values}
     types["prepare"] = None if method.numbers.prepare is None else PREPARE
@@ -336,10 +341,7 @@ def copy_state(member: Member, to: Out, dimension: int) -> None:
 
 @inline
 def observe(job: MemberJob, member: Member, t: float, results: Out, index: int, method: MemberMethod) -> None:
-    """Write the observed values, such as the energy, of a member's state to row `index` of `results`.
-
-    The state is that at time t.
-    """
+    """Write the observed values, such as the energy, of a member's state at time t to row `index` of `results`."""
     size = method.observed.size
     copy_state(member, member.state, method.dimension)
     job.observe(t, member.state, member.numbers, member.observed)
@@ -385,7 +387,10 @@ def some_rounded(floors: In, coordinate_count: int) -> bool:
 
 @inline
 def end_member(job: MemberJob, member: Member, index: int, outcome: int, method: MemberMethod) -> None:
-    """Write the last state of member `index`, the outcome of its run, counts and reductions to the results."""
+    """Write the last state of member `index`, the outcome of its run, counts and reductions to the results.
+
+    `outcome` is the outcome of its last step.
+    """
     run, counts, n = member.run, member.counts, method.dimension
     copy_state(member, job.ends[index * n :], n)
     observe(job, member, run.t, job.last, index, method)
@@ -400,9 +405,9 @@ def end_member(job: MemberJob, member: Member, index: int, outcome: int, method:
 
 @inline
 def explained(outcome: int, run: Run, counts: Counts) -> int:
-    """Return the outcome of a run. If failed trials made its steps too small, return the cause of these.
+    """Return the outcome of a run. If failed trial steps made its steps too small, return their outcome.
 
-    The cause is the outcome of these trials, NON_FINITE or SINGULAR.
+    This is NON_FINITE or SINGULAR.
     """
     is_stuck = outcome == Outcome.STEP_TOO_SMALL and counts.after_reject > 0
     for cause in (Outcome.NON_FINITE, Outcome.SINGULAR):

@@ -1,10 +1,11 @@
 """Reductions along the run of a member: extremes and means of expressions over time, and states at output times.
 
-On each step an expression is evaluated at nine points of the dense output, including both ends. Its integral is that of
-Gauss-Lobatto's rule, which is exact for polynomials of degree 15. A maximum between points that may exceed all earlier
-values is searched for, by Brent's method without derivatives. So extrema are found if nine points of a step show them.
+On each step an expression is evaluated at nine points of the dense output, including both ends. Its integral is
+computed by Gauss-Lobatto's rule, which is exact for polynomials of degree 15. A maximum between points that may exceed
+all earlier values is searched for, by Brent's method without derivatives. So extrema are found if nine points of a step
+show them.
 
-The step of a Taylor series is sampled while its series is in memory, and counts when it is accepted.
+The step of a Taylor series is sampled while its series is in memory, and counts when the step is accepted.
 
 In this module `numbers` are the parameters and all values that depend only on them.
 
@@ -34,8 +35,9 @@ from lagrange.procedure.front.vocabulary import In, Out, fma, generated, larger,
 from lagrange.procedure.rewrite import bound
 
 PATH = Callee((REAL, REAL, READ, Array(), WHOLE), ())
-"""A callback that writes the state at a fraction of a step, or some entries of it. Arguments: the fraction, the length
-of the step in the unit of the polynomial, the coefficients, the state, and the degree."""
+"""Type of a callback that writes the state at a fraction of a step, or some entries of the state. Arguments: the
+fraction, the length of the step in the unit of the polynomial, the coefficients, the state, and the degree.
+"""
 
 
 @procedure
@@ -123,9 +125,9 @@ class PathMemory:
 
 @dataclass(frozen=True, eq=False)
 class MemberStepPath:
-    """Dense output on one step of a member: the kind of polynomial, and the procedure that writes it.
+    """Dense output on one step of a member: the kind of polynomial, and the procedure that writes its coefficients.
 
-    The right-hand side is built into the procedure.
+    The right-hand side is built into the procedure. `dimension` is the length of a state.
     """
 
     kind: StepPolynomial
@@ -179,22 +181,26 @@ class MemberStepPath:
 def law_of_column(_columns: int, t: In, q: In, _v: In, numbers: In, out: Out, *, law: Procedure) -> int:
     """Write the right-hand side `law` at one state to `out`. Return 0 if a matrix is singular, else -1.
 
-    It has the form of a function of several columns, with one column. t has the time, and q the whole state [q, v];
-    `_v` is not used.
+    The procedure has the form of a function of several columns, with one column. t has the time, and q the whole
+    state [q, v]; `_v` is not used.
     """
     return int(generated(law, t[0], q, numbers, out)) - 1
 
 
 VALUE = Callee((REAL, REAL, REAL, REAL, WHOLE, READ, READ, WHOLE), (REAL,))
-"""A callback that returns the value of an expression at a fraction of a step.
-
-Its arguments are the fraction and then the fields of `ExpressionOnStep`, without the callback itself."""
+"""Type of a callback that returns the value of an expression at a fraction of a step. Arguments: the fraction, then the
+fields of `ExpressionOnStep`, without the callback itself.
+"""
 
 RESOLUTION = 2.0**-27
-"""Resolution of points as a fraction of the step: the value at a maximum is then exact to round-off."""
+"""Distance of points in the search for a maximum, as a fraction of the step. The value at the maximum is then exact to
+round-off.
+"""
 
 MOST_EVALUATIONS = 60
-"""Largest number of evaluations. Without a second derivative it takes 40, with a third derivative about 8."""
+"""Largest number of evaluations in a search for a maximum. About 8 suffice if the expression has a third derivative,
+and 40 if it has no second derivative.
+"""
 
 GOLDEN = 0.3819660112501051
 """The smaller part of the golden section, (3 - sqrt(5)) / 2."""
@@ -204,8 +210,9 @@ GOLDEN = 0.3819660112501051
 class ExpressionOnStep:
     """An expression along a step that begins at time t and has the length h.
 
-    The polynomial of the step has `coefficients` and a `degree`; `ratio` is the length of the step in its unit of
-    time. `place` is the index of the expression.
+    The polynomial of the step has `coefficients` and a `degree`; `ratio` is the length of the step in the unit of
+    time of the polynomial. `place` is the index of the expression, and `value` the callback that computes it from
+    `numbers`.
     """
 
     value: Callable[..., Any]
@@ -245,9 +252,9 @@ def largest_between(
     """Return the largest value of `sign` times an expression between two fractions of a step, or `best`.
 
     `best` is returned if it is larger. The search is Brent's method without derivatives, between the fractions
-    `low` and `high`. `low_value`, `middle_value` and `high_value` are values of the expression; `sign` times it
-    is largest at `middle`. The next point is the vertex of the parabola through the three best points, or that
-    of the golden section.
+    `low` and `high`. `low_value`, `middle_value` and `high_value` are values of the expression. `sign` times the
+    expression is largest at `middle`. The next point is the vertex of the parabola through the three best points,
+    or the point of the golden section.
     """
     low_is_better = low_value * sign > high_value * sign
     x, fx = middle, middle_value * sign
@@ -285,10 +292,9 @@ def largest_between(
 
 
 SAMPLE_POINTS = 9
-"""Number of sample points on a step.
-
-The radius of a Taylor series is e**2 times its step: the rule then has an error of 1e-22 of the expression's variation,
-and of 1e-11 if the radius is only twice the step.
+"""Number of sample points on a step. The radius of convergence of a Taylor series is e**2 times its step. The
+quadrature rule then has an error of 1e-22 of the expression's variation, and of 1e-11 if the radius is only twice the
+step.
 """
 
 RISE = 2.0**-50
@@ -298,7 +304,9 @@ END_SLOPE_AT = 2.0**-20
 """Fraction of the step at which the slope of an expression at an end of the step is tested."""
 
 SIGNS = {"max": 1.0, "min": -1.0}
-"""Factors that turn a search for the least value into one for the largest."""
+"""Factors by which an expression is multiplied, so that its largest value is searched for: -1 turns the least value
+into the largest.
+"""
 
 
 @cache
@@ -462,7 +470,7 @@ def follow_step(
 def integral(samples: In, weights: In) -> float:
     """Return the mean of an expression over a step, by a quadrature rule on [0, 1].
 
-    `samples` are its values at the points of the rule, and `weights` the weights.
+    `samples` are values of the expression at the points of the rule, and `weights` are the weights.
     """
     total = samples[0] * weights[0]
     for j in unrolled(SAMPLE_POINTS - 1):
@@ -508,12 +516,11 @@ def value_on_step(
 
 @procedure(step=expression_type)
 def raised(step: ExpressionOnStep, sign: float, before: float, samples: In, points: In) -> float:
-    """Return the largest value of `sign` times an expression on a step, or `before` if that is larger.
+    """Return the largest value of `sign` times an expression on a step, or `before` if `before` is larger.
 
-    `samples` are values of the expression at the `points`. A maximum is searched for near each point whose
-    value is not less than those of its neighbours. It is also searched for between an end of the step and the
-    next point, if the expression rises from the end but is not larger at the next point: a test that takes one
-    more value.
+    `samples` are values of the expression at the `points`. A maximum is searched for near each point whose value is
+    not less than at its neighbours. It is also searched for between an end of the step and the next point, if the
+    expression rises from the end but is not larger at the next point. This test takes one more value.
     """
     best = before
     for j in range(SAMPLE_POINTS):

@@ -1,8 +1,8 @@
-"""Members that run by the steps of an explicit step program, with error control or with equal steps, and their events.
+"""Ensemble members that run by an explicit method, with error control or with equal steps, and their events.
 
-Each accepted step is searched for events before the next. The samples and decisions are those on the blocks of single
-runs, in `lagrange.algorithm.events.search`. In an irregular case, such as an event that is not resolved, the member
-ends here, and is run again as a single run.
+Each accepted step is searched for events before the next. The samples and decisions are the same as on the blocks of
+single runs, in `lagrange.algorithm.events.search`. In an irregular case, such as an event that is not resolved, the
+member ends here, and is run again as a single run.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class MemberFunctions:
     dimension: int
 
     def path(self, prefix: str) -> MemberStepPath:
-        """Return the dense output of steps; `prefix` is added to the names of its procedures."""
+        """Return the dense output of steps. `prefix` is added to the names of its procedures."""
         return MemberStepPath.of(self.dense.kind, self.dense.column, self.dimension, prefix)
 
     def cubic(self) -> MemberStepPath:
@@ -102,7 +102,7 @@ class MemberFunctions:
     def law(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
         """Write the right-hand side at one state to `out`. Return 0 if its mass matrix is singular, else -1.
 
-        It has the form of a function of several columns, with one column. t has the time, q the whole state [q,
+        The method has the form of a function of several columns, with one column. t has the time, q the whole state [q,
         v], and `numbers` are the parameters and all values that depend only on them; v is not used.
         """
         failed: int = generated(self.dense.column, columns, t, q, v, numbers, out)
@@ -156,12 +156,12 @@ class StepSamples(Samples):
 def review_step(
     watch: ReviewedEvents, numbers: In, table: In, factors: In, step: Out, end: float, *, functions: MemberFunctions
 ) -> int:
-    """Find the zeros of event functions on a step up to time `end`. Return why the search ended.
+    """Find the zeros of event functions on a step up to time `end`. Return the code of the end of the search.
 
-    The codes are those of the search for zeros: ENDED after the whole step, CHANGED if an event ends the run, or
-    IRREGULAR. The zeros are written to `watch`. `step` has the data of the step as in `BlockSteps`. `numbers` are
-    the parameters and all values that depend only on them, and `table` has the coefficients of the dense
-    output. `factors` are near 1 and perturb the entries of a state, to estimate rounding errors.
+    The code is ENDED after the whole step, CHANGED if an event ends the run, or IRREGULAR. The zeros are written to
+    `watch`. `step` has the data of the step as in `BlockSteps`. `numbers` are the parameters and all values that
+    depend only on them, and `table` has the coefficients of the dense output. `factors` are near 1 and perturb the
+    entries of a state, to estimate rounding errors.
     """
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
     path, cubic = functions.path("review_"), functions.cubic()
@@ -210,7 +210,7 @@ def review_step(
 
 
 ZERO_ROOM = MOST_ZEROS + 1
-"""Number of zeros that can be stored until they are copied, which is done after each step."""
+"""Number of zeros that the memory of one member can hold. Zeros are copied to the results after each step."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ class ReviewMemory:
 
 
 class StepEventSearch:
-    """The search for the events of members on steps."""
+    """The search for the events of members on steps of an explicit method."""
 
     def __init__(self, events: StepEvents, dense: MemberDenseOutput, dimension: int) -> None:
         self.events, self.dimension = events, dimension
@@ -271,7 +271,7 @@ class StepEventSearch:
 
     @inline
     def begin(self, memory: ReviewMemory, watched: ReviewArguments) -> None:
-        """Reset the search at the start of a member's run: no events, and unknown signs of functions."""
+        """Reset the search at the start of a member's run: no events, and unknown signs of event functions."""
         self.occurrences.begin(memory.seen)
         watch = memory.watch
         clear(watch.review)
@@ -285,11 +285,11 @@ class StepEventSearch:
     def search(
         self, memory: ReviewMemory, job: Any, member: Any, index: int, step: BlockSteps, end: float
     ) -> tuple[int, float, float]:
-        """Search a step for events up to the time `end`. Return an outcome, and the end of the step.
+        """Search a step for events up to time `end`. Return an outcome, and the time and fraction of the step's end.
 
-        The outcome is PAUSED if the run continues, ENDED_BY_EVENT if an event ends it, and WATCHED in an
-        irregular case. The end is given as a time and as a fraction of the step. If an event ends the run, they
-        are those of the event, whose state is in `memory.there`. `index` is the number of the member.
+        The outcome is PAUSED if the run continues, ENDED_BY_EVENT if an event ends it, and WATCHED in an irregular
+        case. If an event ends the run, the time and the fraction are those of the event, whose state is in
+        `memory.there`. `index` is the number of the member.
         """
         watch, steps, watched = memory.watch, member.counts.steps, job.watched
         review = watch.review
@@ -313,8 +313,8 @@ class StepEventSearch:
     def place_of_end(self, memory: ReviewMemory, step: BlockSteps, end: float) -> tuple[float, float]:
         """Write the state at the event that ends the run to `memory.there`.
 
-        Return the time of the event and its fraction of the step. At an end of the step the state is the one
-        there, which is not interpolated. `end` is the time at the end of the step.
+        Return the time of the event and its fraction of the step. If the event is at an end of the step, the state is
+        the accepted one, which is not interpolated. `end` is the time at the end of the step.
         """
         watch, part, slot = memory.watch, memory.watch.review.fraction, memory.watch.review.written
         is_begin, is_end, zero = part <= 0.0, part >= 1.0, watch.there[slot * self.dimension :]
@@ -333,21 +333,21 @@ class StepMemory:
     effort: Effort
     unused: Out
     path: Any
-    """The dense output, see `PathMemory`, or None."""
+    """Memory for the dense output of one step, a `PathMemory`, or None."""
 
     outputs: Any
-    """The number of output times with states, see `OutputCounts`, or None without dense output."""
+    """Record `OutputCounts` that counts the output times with states; None without dense output."""
 
     search: Any
-    """The search for events, or None."""
+    """Memory of the search for events on one step; None without events."""
 
 
 class StepMembers(MemberMethod):
-    """Runs members by the same steps as the driver of single runs.
+    """Runs members by the steps of an explicit method, the same as in single runs.
 
-    The law, the function that the steps evaluate, is built in as a procedure. With `dense` it writes the states
-    at output times and reduces `sampled` expressions, by the dense output of single runs. The search for
-    `events` uses it too.
+    The procedure `law`, which the steps evaluate, is built in. With `dense`, the dense output of single runs, it
+    writes the states at output times and reduces `sampled` expressions. The search for `events` also uses the dense
+    output.
     """
 
     def __init__(
@@ -394,8 +394,7 @@ class StepMembers(MemberMethod):
     def begin(self, job: MemberJob, member: Member) -> None:
         """Reset the search for events and the outputs at the start of a member's run.
 
-        Entries that the law reads and no step writes are cleared: velocities, if the step moves only
-        coordinates.
+        If the step moves only coordinates, the velocities, which the law reads and no step writes, are set to zero.
         """
         method_memory = member.method_memory
         if self.program.law == "accelerations":

@@ -1,4 +1,4 @@
-"""Members of an ensemble that run by Taylor series of one order."""
+"""Ensemble members that run by Taylor series of one order, and their events."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from lagrange.procedure.front.decorators import inline
 from lagrange.procedure.front.vocabulary import In, Out, WholesIn, WholesOut, clear, each, reals, unlikely, wholes
 
 MEMBER_EVENT_ROOM = 2 * MOST_ZEROS
-"""Number of events that can be stored until they are copied, which is done after each step."""
+"""Number of events that the memory of one member can hold. Events are copied to the results after each step."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,10 @@ class SearchMemory:
 
 
 class EventSearch:
-    """The search for the events of members on Taylor steps."""
+    """The search for the events of members on Taylor steps.
+
+    `events` are the watched functions, and `layout` is the layout of the series in memory.
+    """
 
     def __init__(self, events: TaylorEvents, layout: TaylorLayout) -> None:
         self.events, self.dimension = events, layout.dimension
@@ -122,7 +125,7 @@ class EventSearch:
     def take(self, memory: SearchMemory, job: Any, index: int) -> None:
         """Copy new events to the results of member `index`.
 
-        These are events on steps that the defect test has confirmed.
+        These events are on steps that the defect test has confirmed.
         """
         watched, watch, slot = memory.watched, memory.watched.watch, memory.taken[0]
         if unlikely(watch.done > slot):
@@ -138,7 +141,7 @@ class EventSearch:
     def due(self, memory: SearchMemory) -> int:
         """Return the index of the watched function that is first in the list of due functions.
 
-        These are zero at the end of the step.
+        Due functions are zero at the end of the step.
         """
         return memory.watched.whole_scratch[self.events.count * PARTS["due"][1]]
 
@@ -146,8 +149,8 @@ class EventSearch:
     def is_ended(self, memory: SearchMemory, outcome: int, unproven: int, last: bool) -> bool:
         """Return True if an event, and nothing else, ends the run at the present state.
 
-        `outcome` is that of the loop over steps. `unproven` is 1 if the defect test has not confirmed the last
-        step yet. `last` is true if the budget allows no more steps.
+        `outcome` is the code with which the loop over steps stopped. `unproven` is 1 if the defect test has not
+        confirmed the last step yet. `last` is true if the budget allows no more steps.
         """
         is_due = memory.watched.watch.due == 1 and self.due(memory) < self.events.events and unproven == 0
         is_stopped = outcome == Outcome.DONE or outcome == Outcome.WATCHED
@@ -225,8 +228,8 @@ class TaylorMembers(MemberMethod):
     def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
         """Test the defect of the last step of member `index`, and take the next step. Return an outcome.
 
-        It is PAUSED if the run continues, else why the run ends. `last` is true if the budget allows no step
-        after this one.
+        The outcome is PAUSED if the run continues, else the reason of its end. `last` is true if the budget allows no
+        step after this one.
         """
         run, counts, method_memory = member.run, member.counts, member.method_memory
         states = job.outputs[index * (job.output_count * self.dimension) :]

@@ -1,10 +1,10 @@
-"""Loops over equal steps and over steps with error control: error norm, rejection, next length; exported integrators.
+"""Loops over steps of any method but Taylor series: equal steps, or error control with rejected steps and next length.
 
 The loops have the error norm, rejection, the next length, and the floors, which are the absolute tolerances of the
 entries of the state. Numbers of a method, such as the safety factor, are in `Control`, lagrange/program/step.py.
 Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993, II.4.
 
-Integrators are for exports: procedures for one step, and for a run to an end time. The functions of the system, such as
+Integrators for export are procedures for one step, and for a run to an end time. The functions of the system, such as
 the right-hand side, are parameters, which `lagrange.procedure.rewrite` replaces by procedures.
 """
 
@@ -49,14 +49,14 @@ from lagrange.procedure.front.vocabulary import (
 from lagrange.program.step import LAWS, Control
 
 REJECTIONS_BEFORE_SURVEY = 3
-"""Number of consecutive rejections after which a driver asks for the sizes of the entries. It also asks after one
-rejection if a step moved an entry that was zero and has no floor. A Taylor driver, whose steps are rejected rarely,
-asks at the second, fourth, eighth, ... rejection of a run.
+"""Number of consecutive rejections after which a run estimates the sizes of the state's entries. One rejection suffices
+if a step moved an entry that was zero and has the absolute tolerance 0. A Taylor run, whose steps are rejected rarely,
+estimates the sizes at its second, fourth, eighth, ... rejection.
 """
 
 ROUNDED = 2.0**-46
-"""An entry may be rounding if its tolerance is below this fraction of the largest entry of its kind: 128 units of
-rounding. Kinds are coordinates and velocities. `rounding_noise` then computes whether it is rounding.
+"""An entry may be rounding noise if its tolerance is below this fraction (128 units of rounding) of the largest entry
+of its kind, coordinate or velocity. `rounding_noise` then decides this.
 """
 
 DAMPING = 0.01
@@ -67,9 +67,9 @@ DAMPING = 0.01
 def error_norm(arguments: Running, *, layout: Layout, control: Control) -> float:
     """Return the root mean square of the errors of a trial step, each divided by its tolerance.
 
-    The step is accepted if the norm is at most 1. The tolerance of an entry is rtol times its magnitude, plus
-    its floor. The magnitude is the larger one of the old and the new state. Two error vectors are combined as
-    in DOP853.
+    The step is accepted if the norm is at most 1. The tolerance of an entry is rtol times its magnitude, plus its
+    floor. The magnitude is the larger of the magnitudes in the old and the new state. Two error vectors are
+    combined as in DOP853.
     """
     rtol, floors, work, squares, second_squares = arguments.run.rtol, arguments.floors, arguments.work, 0.0, 0.0
     for state in unrolled(layout.step.states):
@@ -92,7 +92,7 @@ def error_norm(arguments: Running, *, layout: Layout, control: Control) -> float
 def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ...]:
     """Return the error vectors of state vector number `state`, parts of `work`.
 
-    There are two for the norm of DOP853, otherwise one.
+    There are two vectors for the norm of DOP853, otherwise one.
     """
     step = layout.step
     return tuple([work[layout.place(layout.errors + k) :] for k in unrolled(state, len(step.errors), step.states)])
@@ -100,13 +100,13 @@ def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ..
 
 @procedure(noinline=True, arguments=running)
 def reject(arguments: Running, cause: float, h: float, moved: bool, *, layout: Layout) -> bool:
-    """Reject a trial step, and set the length of the next to h. Return True if sizes must be estimated.
+    """Reject a trial step, and set the length of the next step to h. Return True if sizes must be estimated.
 
     The run then stops, and the caller estimates the sizes of the entries of the state, from which absolute
-    tolerances follow. `cause` is the `Outcome` of the trial. Sizes are needed after several consecutive
-    rejections, or if an entry has no size yet. If the trial `moved` the state, an entry that stayed zero does
-    not count. Sizes are also needed at the first, second, fourth, eighth, ... rejection if the entry with the
-    largest error may be the rounding of larger entries, as defined at `ROUNDED`.
+    tolerances follow. `cause` is the `Outcome` of the trial. Sizes are needed after several consecutive rejections,
+    or if an entry has no size yet. If the trial `moved` the state, an entry that stayed zero does not count. Sizes
+    are also needed at the first, second, fourth, eighth, ... rejection if the entry with the largest error may be
+    the rounding of larger entries, as defined at `ROUNDED`.
     """
     run, counts, floors, work = arguments.run, arguments.counts, arguments.floors, arguments.work
     run.cause = cause
@@ -174,7 +174,9 @@ def raise_floors(share: float, floors: Out, work: In, layout: Layout) -> None:
 
 
 SHORTEST_LAST_STEP = 1e-6
-"""A last step below this fraction of h results from rounding of the grid. It is merged with the previous step."""
+"""A last step below this fraction of the step length is due to rounding of the grid of times. Such a step is merged
+with the previous step.
+"""
 
 UNROLLED_TEST = 2
 """Largest number of blocks of a vector for which the test for finite entries is written out."""
@@ -216,7 +218,7 @@ def equal_steps(arguments: Running, budget: int, times: Out, rows: Out, *, layou
 
 @inline
 def discard_history(arguments: Running, layout: Layout) -> None:
-    """If the data of previous steps in memory belong to another run, clear them."""
+    """Clear the data of previous steps in memory if they belong to another run."""
     if layout.keeps_history:
         work = arguments.work
         if arguments.counts.kept == 0:
@@ -247,7 +249,7 @@ def kept_entries(arguments: Running, layout: Layout) -> Out | None:
 
 @inline
 def is_finite(arguments: Running, layout: Layout, *, errors: bool) -> bool:
-    """Return True if the new state is finite, and with `errors` its error vectors, too.
+    """Return True if the new state is finite. With `errors`, its error vectors must be finite, too.
 
     The test uses 0 * x, which is NaN if x is not finite.
     """
@@ -260,27 +262,27 @@ def is_finite(arguments: Running, layout: Layout, *, errors: bool) -> bool:
 
 LARGEST_CORRECTION = 100.0
 """Largest displacement, in tolerances, by which a projection onto constraints may end a step with error control. The
-step's distance from the constraints is part of its error, which is below one tolerance by estimate. A larger
+step's distance from the constraints is part of its error, which is estimated to be below one tolerance. A larger
 displacement means that the motion changed within the step.
 """
 
 ROUNDED_START, SHORTENINGS = 2.0**-20, 8
-"""Largest distance of a state from the constraints, relative to its size, at the start of a step, such as after an
-event. This displacement does not decrease with the step. It is accepted after the second number of shortenings of the
-step.
+"""`ROUNDED_START`: largest distance of a state from the constraints, relative to its size, at the start of a step, such
+as after an event. The displacement onto the constraints does not decrease with the length of the step. It is accepted
+after the step has been shortened `SHORTENINGS` times.
 """
 
 LARGEST_RETRY = 0.95
 """Upper bound of the factor of the step length after a rejection by the error norm."""
 
 LEAST_NORM, LEAST_PREVIOUS = 1e-10, 1e-4
-"""Lower bounds of the error norm, and of the previous error norm. A step without an error does not predict the next
-error.
+"""Lower bounds of the error norm, and of the previous error norm. A step without an error does not predict the error of
+the next step.
 """
 
 PI_SHARE = 0.75
-"""PI control: the exponent of the current norm is 1/k - `PI_SHARE` * memory. So the step still follows the norm where
-the norm changes slowly.
+"""PI control: the exponent of the current norm is 1/k - `PI_SHARE` * memory. So the step length still follows the norm
+if the norm changes slowly.
 """
 
 
@@ -420,7 +422,7 @@ class SystemFunctions:
 
 
 def functions_of(layout: Layout) -> Bundle:
-    """Return the type of a `SystemFunctions` parameter of a procedure."""
+    """Return the type of a procedure's parameter of class `SystemFunctions`, for a `layout`."""
     projection = CORRECTIONS if layout.projected else None
     return Bundle(SystemFunctions, {"law": FUNCTION, "jacobian": FUNCTION, "projection": projection})
 
@@ -432,12 +434,12 @@ def state_array(layout: Layout) -> Array:
 
 @procedure(of=functions_of, y=state_array)
 def one_step(of: SystemFunctions, t: float, h: float, y: Out, p: In, *, layout: Layout, relations: bool) -> Outcome:
-    """Replace the state y by that after one step of length h from time t, and return an outcome.
+    """Replace the state y by the state after one step of length h from time t, and return an outcome.
 
-    The outcome is DONE if a step was taken; otherwise it says why not, and y is the state at the start.
-    UNPROJECTED means that the old or the new state is too far from the constraints. `p` are the parameters of
-    the functions `of` the system. With `relations` some velocities follow from the constraints: y is first
-    moved onto them.
+    The outcome is DONE if a step was taken. Otherwise it is the reason, and y is the state at the start.
+    UNPROJECTED means that the old or the new state is too far from the constraints. `p` are the parameters of the
+    functions `of` the system. With `relations` some velocities follow from the constraints: y is first moved onto
+    them.
     """
     n = layout.dimension
     if is_off_constraints(of, t, y, p, n, relations):
@@ -523,11 +525,11 @@ def adaptive_run(
 ) -> Outcome:
     """Run with error control from the state y at time t[0] to t_end, and return an outcome.
 
-    The last state and its time are written to y and t[0]. The outcome is DONE at t_end, PAUSED after
-    `max_steps` trial steps; otherwise it says why the run ended. `p` are the parameters of the functions `of`
-    the system. The error of an entry per step is at most rtol times its size + atol. The entries with the
-    indices `unlimited` have no such bound: the motion does not depend on them. With `relations` some velocities
-    follow from the constraints.
+    The last state and its time are written to y and t[0]. The outcome is DONE at t_end, PAUSED after `max_steps`
+    trial steps; otherwise it is the reason of an earlier end. `p` are the parameters of the functions `of` the
+    system. The error of an entry per step is at most rtol times its size + atol. The entries with the indices
+    `unlimited` have no such bound: the motion does not depend on them. With `relations` some velocities follow from
+    the constraints.
     """
     n = layout.dimension
     if is_off_constraints(of, t[0], y, p, n, relations):

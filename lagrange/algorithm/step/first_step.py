@@ -1,12 +1,12 @@
 """Length of the first step of a run with error control, and its first floors (absolute tolerances).
 
-The length of the first step follows from the change of the derivatives of the state over a short trial step.
-The jerk divided by the velocity is the square of a rate, in any units of the entries and for any origin of time
-and coordinates. If it is not defined, the rate comes from the acceleration divided by the coordinate, or from
-the square of the acceleration divided by the velocity. The size of an entry is at least that for which the
-relative tolerance equals its absolute tolerance, its floor. If floors follow the sizes, the floor of an entry
-that is zero begins at its change in the step. An acceleration that may be rounding of cancelling terms, as at
-an equilibrium, is replaced by its sensitivity to the coordinate.
+The length of the first step follows from the change of the derivatives of the state over a short trial step. The jerk
+divided by the velocity is the square of a rate, in any units of the entries and for any origin of time and coordinates.
+If it is not defined, the rate comes from the acceleration divided by the coordinate, or from the square of the
+acceleration divided by the velocity. The size of an entry is at least the size at which the relative tolerance equals
+its absolute tolerance, its floor. If floors follow the sizes, the floor of an entry that is zero begins at its change
+in the step. An acceleration that may be rounding of cancelling terms, as at an equilibrium, is replaced by its
+sensitivity to the coordinate.
 
 Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993, II.4.
 """
@@ -38,17 +38,17 @@ is the change of the acceleration when each entry of the state changes by about 
 
 CANCELLATION_DOMINANCE = 16.0
 """Accelerations that may be rounding must not determine the first step. If their squared rate exceeds this multiple of
-that of the others, the sizes of the entries are estimated.
+the squared rate of the others, the sizes of the entries are estimated.
 """
 
 LEAST_FIRST = 2.0**-44
-"""Least floor of an entry that is zero, as a fraction of its change in the first step. Newton's method has to converge
-below the floor.
+"""Least absolute tolerance (floor) of an entry of the state that is zero, as a fraction of its change in the first
+step. Newton's method has to converge to an error below the tolerance.
 """
 
 LEAST_SPACINGS = 64.0
-"""The first step is at least this multiple of the shortest step. It is only an estimate, and must not end the run as
-too small.
+"""The first step is at least this multiple of the shortest step. The first step is only an estimate, and must not end
+the run as too small.
 """
 
 NEEDS_SIZES = -1.0
@@ -60,8 +60,8 @@ def first_step(arguments: Running, span: float, direction: float, *, layout: Lay
     """Return the length of the first step of a run, by the derivatives at three states, or NEEDS_SIZES.
 
     `span` is the duration of the run, positive, and `direction` its sign. NEEDS_SIZES: the caller must first
-    estimate the sizes of the entries. Methods in momenta have no derivatives: the length is then a fraction of
-    `span`. The formulas are at the top of this file.
+    estimate the sizes of the entries. For methods in momenta, which have no derivatives of the state, the length is
+    a fraction of `span`. The formulas are at the top of this file.
     """
     run, counts, floors, half = arguments.run, arguments.counts, arguments.floors, layout.dimension // 2
     floors_follow = run.share > 0.0
@@ -97,8 +97,9 @@ def first_step(arguments: Running, span: float, direction: float, *, layout: Lay
 class Slopes:
     """Derivatives of the state near the start of a run, in vectors of the step that no trial step has used yet.
 
-    `start` is the derivative at the start, `later` that after an Euler step, `perturbed` that at a slightly
-    perturbed state. `sensitivity` has for each acceleration that may be rounding its sensitivity to the state.
+    `start` is the derivative at the start, `later` the derivative after an Euler step, and `perturbed` the
+    derivative at a slightly perturbed state. `sensitivity` has for each acceleration that may be rounding its
+    sensitivity to the state, and zero for other entries.
     """
 
     start: Out
@@ -132,11 +133,11 @@ def probe(arguments: Running, slopes: Slopes, move: float, layout: Layout) -> bo
 def squared_rates(
     arguments: Running, slopes: Slopes, trial: float, layout: Layout
 ) -> tuple[float, float, float, float]:
-    """Return four numbers: largest squared rate of doubtful accelerations, that of others, a stiffness, largest slope.
+    """Return four numbers: largest squared rate of doubtful and of other accelerations, stiffness, largest slope.
 
-    A doubtful acceleration may be rounding of cancelling terms. The stiffness is the largest ratio of the
-    sensitivity of such an acceleration to its coordinate. The sensitivities are written to `slopes`. `trial` is
-    the length of the Euler step.
+    A doubtful acceleration may be rounding of cancelling terms. The stiffness is the largest sensitivity of such an
+    acceleration, divided by its coordinate. The sensitivities are written to `slopes`. `trial` is the length of the
+    Euler step.
     """
     y, rtol, floors, half = arguments.work[0:], arguments.run.rtol, arguments.floors, layout.dimension // 2
     doubtful, certain, stiffness, moving = 0.0, 0.0, 0.0, 0.0
@@ -196,11 +197,8 @@ def trial_rate(y: In, slope: In, floors: In, rtol: float, coordinate_count: int)
     """
     rate = 0.0
     for i in range(coordinate_count):
-        force, position_size, speed = (
-            abs(slope[i + coordinate_count]),
-            size(y, floors, rtol, i),
-            size(y, floors, rtol, i + coordinate_count),
-        )
+        force, position_size = abs(slope[i + coordinate_count]), size(y, floors, rtol, i)
+        speed = size(y, floors, rtol, i + coordinate_count)
         fallback = force / speed if abs(y[i + coordinate_count]) > 0.0 else 0.0
         rate = larger(rate, math.sqrt(force / position_size) if abs(y[i]) > 0.0 else fallback)
     return rate
@@ -210,9 +208,9 @@ def trial_rate(y: In, slope: In, floors: In, rtol: float, coordinate_count: int)
 def first_floors(arguments: Running, slopes: Slopes, h: float, longer: float, layout: Layout) -> None:
     """Raise the floors (absolute tolerances) of zero entries to a fraction of their change in the first step.
 
-    The change follows from the derivative at the start. If that is zero, it follows from the derivative at the
-    end of the step, which is extrapolated from the trial step. The step has the length h, which is `longer`
-    times that of the trial step.
+    The change follows from the derivative at the start. If this derivative is zero, the change follows from the
+    derivative at the end of the step, which is extrapolated from the trial step. The first step has the length h,
+    which is `longer` times the length of the trial step.
     """
     y, floors = arguments.work[0:], arguments.floors
     factor = larger(arguments.run.share, LEAST_FIRST) * h

@@ -1,8 +1,8 @@
-"""Memory of a step: its vectors in one array with the data of its implicit equations, and the state of a run.
+"""Memory of a step of any method but Taylor series: its vectors in one array, and the state of a run.
 
-A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one
-number. The law of a step is the function that it evaluates, such as the right-hand side. A solve is one
-solution of implicit equations by Newton's method.
+A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one number.
+The law of a step is the function that it evaluates, such as the right-hand side. A solve is one solution of implicit
+equations by Newton's method; its data are in the same array.
 
 The records with the state of a run have the entries of `DriverState` in the same order.
 """
@@ -22,8 +22,9 @@ from lagrange.procedure.front.vocabulary import In, Out, form_of, record
 from lagrange.program.step import LAWS, Damp, Solve, StepProgram
 
 ORDERS = (1, 3, 6, 12)
-"""Numbers of past steps from which the unknowns of equal steps may be extrapolated. The number with the least error is
-used: 12 for steps that are short compared with the motion, few for long steps and for unknowns at rounding level.
+"""Numbers of past steps from which the unknowns of equal steps may be extrapolated. The number whose guess had the
+least error is used: 12 for steps that are short compared with the motion, few for long steps and for unknowns at
+rounding level.
 """
 
 HISTORY = ORDERS[-1]
@@ -83,8 +84,8 @@ class Layout:
     """Memory layout of a step: offsets of its vectors and of the data of its implicit equations.
 
     `block` numbers are computed at once. A step is `alone` if it is not the starting step of a two-step method.
-    Arguments and results of the law (the function that it evaluates) are single numbers if `in_registers`, else
-    arrays. With `projected` the new state is moved onto the constraints before it is accepted.
+    Arguments and results of the law (the function that the step evaluates) are single numbers if `in_registers`,
+    else arrays. With `projected` the new state is moved onto the constraints before it is accepted.
     """
 
     def __init__(
@@ -179,7 +180,7 @@ class SolveLayout:
 
 
 FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
-"""A function between arrays: from a time, a state and prepared numbers to its results. It returns True if it is
+"""Type of a function between arrays: from a time, a state and prepared numbers to its results. It returns True if it is
 undefined; a law is undefined if a matrix is singular.
 """
 
@@ -290,7 +291,7 @@ class Running:
 
 
 def running(layout: Layout) -> Bundle:
-    """Return the type of a `Running` parameter of a procedure."""
+    """Return the type of a procedure's parameter of class `Running`, for a `layout`."""
     newton = form_of(Newton)
     starters = len(layout.starting.solves) if layout.step.starter is not None else 0
     types: dict[str, Stated] = {

@@ -1,12 +1,12 @@
-"""Newton's method for the unknowns of a step: initial guesses, corrections, and tests of convergence.
+"""Newton's method for implicit steps: initial guesses of the unknowns, corrections, and tests of convergence.
 
 For equal steps backward differences of the unknowns are stored. The sum of the first k differences extrapolates the
 polynomial through k values. The k-th difference at the next step is the error of that guess, and selects the best k.
 
 The unknowns are corrected with a matrix that is kept from step to step, until the corrections are round-off (equal
-steps) or far below the tolerance (error control). After a correction the error is estimated as the rest of a geometric
-series, with the contraction rate of the last two corrections, or the rate of the previous step. The matrix is rebuilt
-when the corrections shrink slowly. If the corrections do not converge, error control shortens the step
+steps) or far below the tolerance (error control). After a correction the error is estimated as the remainder of a
+geometric series, with the contraction rate of the last two corrections, or the rate of the previous step. The matrix is
+rebuilt when the corrections decrease slowly. If the corrections do not converge, error control shortens the step
 (`error_control.py`), and a run with equal steps ends. Source: E. Hairer, G. Wanner, Solving Ordinary Differential
 Equations II, 2nd ed., 1996, IV.8.
 """
@@ -46,39 +46,34 @@ DIVERGENCE_RATE = 0.9
 """Contraction rate above which a step with error control is shortened."""
 
 RATE_INCREASE, LARGEST_RATE = 1.2, 0.9
-"""A step that converges at once does not measure the contraction rate. The stored rate is then multiplied by the first
-number per step, up to the second number.
+"""A step that converges at once does not measure the contraction rate. The stored rate is then multiplied by
+`RATE_INCREASE` per step, up to `LARGEST_RATE`.
 """
 
 LEAST_RATE = 1e-4
 """Lower bound of the stored contraction rate: one good correction does not predict the next one."""
 
 FRESH_RATE = 1e-3
-"""Contraction rate above which the next step begins with a new matrix, with error control.
-
-Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
+"""Contraction rate above which the next step begins with a new matrix, with error control. Source: E. Hairer, G.
+Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
 """
 
 FEW_CORRECTIONS = 2
 """Largest number of corrections of an equal step after which the next step keeps the matrix."""
 
 LARGEST_MATRIX_AGE = 64
-"""Number of equal steps after which the matrix is rebuilt, even if Newton's method converges.
-
-Otherwise a matrix that has become singular would not be noticed.
+"""Number of equal steps after which the matrix is rebuilt, even if Newton's method converges. Otherwise a matrix that
+has become singular would not be noticed.
 """
 
 STAGNATION_NORM, STAGNATION_RATE = 2.0**10, 0.5
-"""With a new matrix, corrections are round-off when their rate exceeds the second number and their norm is below the
-first.
-
-The norm is in units of the estimated round-off.
+"""With a new matrix, corrections count as round-off if their rate exceeds `STAGNATION_RATE` and their norm is below
+`STAGNATION_NORM`. The norm is in units of the estimated round-off.
 """
 
 DIVERGENCE_GROWTH = 2.0
-"""Growth of large corrections, with a new matrix, at which the iteration ends.
-
-The iteration might end at another root.
+"""Newton's iteration ends if large corrections, with a new matrix, grow by this factor. A further iteration might
+converge to another root.
 """
 
 NOISE_DECAY = 0.9
@@ -99,10 +94,10 @@ def assess_correction(
     """Decide by the norms of corrections if Newton's method has converged. Return DONE, PAUSED or DIVERGED.
 
     PAUSED means that another correction is needed. `iteration` counts corrections from 0, and `since` the
-    corrections with the current matrix. `norm` is the size of this correction, and `previous` the size of the
-    last one. The first correction measures no contraction rate: the rate of the previous step is used. For a
-    `constrained` step with error control (`adaptive`) it is `DIVERGENCE_RATE` instead: there the rate depends
-    on how the constraints' gradients turn, and does not decrease with the step.
+    corrections with the current matrix. `norm` is the size of this correction, and `previous` the size of the last
+    one. The first correction measures no contraction rate: the rate of the previous step is used. For a
+    `constrained` step with error control (`adaptive`) `DIVERGENCE_RATE` is used instead: the rate then depends on
+    how the constraints' gradients turn, and does not decrease with the step.
     """
     first = iteration == 0
     measured = norm / previous
@@ -173,8 +168,8 @@ def request_matrix(newton: Newton) -> None:
 def predict(arguments: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
     """Write the initial guess of the unknowns to the work array, from the unknowns of previous steps.
 
-    With error control it is the formula of the method, or the previous unknowns if the method has none. For
-    equal steps backward differences are extrapolated. `solve` is the layout of the equations.
+    With error control the guess is the formula of the method, or the previous unknowns if the method has no
+    formula. For equal steps backward differences are extrapolated. `solve` is the layout of the equations.
     """
     work, newton, predicted = arguments.work, arguments.newtons[solve.index], solve.solve.predicted
     unknowns, residual = work[solve.first :], work[solve.residual :]
@@ -182,7 +177,7 @@ def predict(arguments: Running, t: float, h: float, layout: Layout, solve: Solve
         extrapolate(newton.order, differences_of(work, solve), unknowns, solve.all)
     else:
         vectors = vectors_of(arguments, t, h, layout, (), predicted, ratio=h / newton.old_step)
-        # The predicted unknowns are combinations of those of the previous step, which have the same numbers.
+        # The predicted unknowns are combinations of the previous step's unknowns, which have the same numbers.
         copy_vector(work[solve.history :], unknowns, solve.all)
         for i, combination in enumerate(predicted):
             vectors.combine(combination, residual[i * solve.width :])
@@ -242,7 +237,7 @@ def keep_unknowns(newton: Newton, work: Out, *, layout: Layout, solve: SolveLayo
 def update_differences(differences: tuple[Writable[float], ...], value: float, i: int) -> list[float]:
     """Replace the backward differences of unknown i by those with its new `value`. Return errors of guesses.
 
-    There is a guess for each of the `ORDERS`, by extrapolation from the previous steps. Its error is its
+    There is a guess for each of the `ORDERS`, by extrapolation from the previous steps. The error of a guess is its
     distance from `value`.
     """
     errors: list[float] = []
@@ -256,7 +251,7 @@ def update_differences(differences: tuple[Writable[float], ...], value: float, i
 
 @inline
 def choose_order(newton: Newton, errors: tuple[float, ...]) -> None:
-    """Set the order of extrapolation for the next guess to that with the least error.
+    """Set the order of extrapolation for the next guess to the order with the least error.
 
     `errors` are the squared errors of the guesses of all `ORDERS` for this step. An order that has just become
     available is taken in any case.
@@ -286,7 +281,7 @@ a smaller correction the motion itself has left the domain of the law.
 
 LARGEST_DISTANCE = 8.0
 """Largest sum of the corrections of an equal step, as a multiple of the first size estimate. The estimate is the size
-of the terms of the residuals, multiplied by the inverse. Newton's first correction is at most that large, and
+of the terms of the residuals, multiplied by the inverse matrix. Newton's first correction is at most that large, and
 corrections that converge decrease. A larger sum leads to another root, or to none.
 """
 
@@ -325,7 +320,7 @@ def solve_unknowns(arguments: Running, t: float, h: float, *, layout: Layout, so
 
 @procedure(noinline=True, arguments=running)
 def guess(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
-    """Set the unknowns to the guesses that the method states. Return DONE, or SINGULAR if a matrix is."""
+    """Set the unknowns to the guesses that the method states. Return DONE, or SINGULAR if a matrix is singular."""
     stated = solve.solve
     vectors = vectors_of(arguments, t, h, layout, stated.preparation, stated.guesses)
     is_singular = vectors.evaluate_all(stated.preparation)
@@ -394,7 +389,7 @@ def iterate(arguments: Running, t: float, h: float, *, layout: Layout, solve: So
         norm = correct(work, solve)
         arguments.effort.residual = norm * unit
         if not norm < LARGEST_CORRECTION:
-            # The law has no finite value there, unless a large correction has led out of its domain.
+            # The law has no finite value at the unknowns, unless a large correction has led out of its domain.
             return Outcome.NON_FINITE if previous * unit < LARGE_CORRECTION else Outcome.DIVERGED
         if not solve.adaptive:
             moved = fma(norm, unit, moved)

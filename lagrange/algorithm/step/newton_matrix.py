@@ -1,4 +1,4 @@
-"""The matrix of Newton's method: built from the derivative of the law, and inverted.
+"""The matrix of Newton's method for implicit steps: built from the derivative of the law, and inverted.
 
 The law is the function that the step evaluates, such as the right-hand side.
 
@@ -22,8 +22,9 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, reals, unrol
 from lagrange.program.step import LAWS, Combination, LawCall
 
 UNIT_ROUND_OFF, LEAST_ROUND_OFF = 2.0**-52, 1e-100
-"""The unit of rounding, in which corrections of equal steps are measured. The second number is added to the estimated
-rounding error of an unknown. So an unknown that is zero, such as a coordinate at rest, has a finite weight.
+"""`UNIT_ROUND_OFF`: the unit of rounding, in which corrections of equal steps are measured. `LEAST_ROUND_OFF` is added
+to the estimated rounding error of an unknown. So an unknown that is zero, such as a coordinate at rest, has a finite
+weight.
 """
 
 INERTIA = {"momentum": (((0, 1),),), "constrained": (((0, 1), (2, 2)), ((4, 1), (4, 2)))}
@@ -82,7 +83,8 @@ class MatrixCoefficients:
 def build_matrix(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
     """Compute the inverse Newton matrix for steps of length h, and store it in the work array.
 
-    The derivative of the law is the stored one, or is evaluated anew. Return DONE, or SINGULAR for a singular matrix.
+    The derivative of the law is read from memory if it is valid, else evaluated. Return DONE, or SINGULAR for a
+    singular matrix.
     """
     work, newton, terms = arguments.work, arguments.newtons[solve.index], MatrixCoefficients(layout, solve)
     inverse, point, nodes = work[solve.inverse :], terms.point, [*terms.nodes, *[damp.factor for damp in solve.damped]]
@@ -121,8 +123,8 @@ def build_matrix(arguments: Running, t: float, h: float, *, layout: Layout, solv
 def evaluate_derivative(vectors: StepVectors, t: float, out: Out, point: LawCall | None) -> bool:
     """Write the derivative of the law by its arguments to `out`, by rows. Return True if a matrix is singular.
 
-    The derivative is evaluated at the arguments of the call `point` or, if that is None, at the start of the step, at
-    time t.
+    The derivative is evaluated at the arguments of the call `point`. If `point` is None, it is evaluated at the
+    start of the step, at time t.
     """
     running, layout = vectors.running, vectors.layout
     if point is None:
@@ -169,7 +171,7 @@ class Matrix:
     def keep(self, row: In, target: Out) -> None:
         """Copy a part of a row of the inverse to `target`, padded with zeros to whole blocks.
 
-        `row` begins at that part, which has as many entries as a vector of unknowns.
+        `row` begins at this part, which has as many entries as a vector of unknowns.
         """
         solve = self.solve
         for a in each(solve.width, spill=True, disjoint=True):
@@ -200,7 +202,7 @@ class Matrix:
 
     @inline
     def inertia_is_singular(self, blocks: Sequence[Sequence[tuple[int, int]]]) -> bool:
-        """Return True if the mass matrix is singular, a matrix made of blocks of the derivative of the law.
+        """Return True if the mass matrix is singular. It consists of blocks of the derivative of the law.
 
         `blocks` has the pair (result, argument) of the law for each block, by rows. `entries` is overwritten.
         """
@@ -232,8 +234,8 @@ def weigh_by_rounding(
 ) -> None:
     """Set the weight of each unknown in the norm of corrections: 1 over the rounding error of the unknown.
 
-    No iteration can reduce this error. The magnitudes of the terms of a residual, plus |J| times those of the
-    arguments of the call `point`, give the rounding error of the residual. The inverse of the matrix maps it to
+    No iteration can reduce this error. The magnitudes of the terms of a residual, plus |J| times the magnitudes of
+    the arguments of the call `point`, give the rounding error of the residual. The inverse of the matrix maps it to
     the unknowns. `factors` has for each pair (residual, result of the law) the factors of that result in the
     residual, one for each call.
     """

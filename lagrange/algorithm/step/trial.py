@@ -31,9 +31,9 @@ def take_step(
 ) -> Outcome:
     """Compute a trial step of length h from time t, and return DONE, SINGULAR or a failure of Newton's method.
 
-    The new state and the errors are in the work array. `slope_known` is true if the derivative at the start of
-    the step is stored already. `entries` has the entries of the old state, then those of the new one, if they
-    are kept in registers; else it is None.
+    The new state and the errors are in the work array. `slope_known` is true if the derivative at the start of the
+    step is stored already. `entries` has the entries of the old state, then those of the new state, if they are
+    kept in registers; else it is None.
     """
     step = layout.step
     combinations = [*[action.vector for action in step.damps], *step.results, *step.errors]
@@ -73,7 +73,7 @@ def take_step(
 def damp(vectors: StepVectors, action: Damp) -> None:
     """Write the vector (I - factor J)^-1 x of a damping action, where J is the right-hand side's derivative.
 
-    `vectors` are the vectors of the step. x is a combination of them, and the result is one of them.
+    `vectors` are the vectors of the step. x is a combination of these vectors, and the result is one of them.
     """
     layout, work = vectors.layout, vectors.running.work
     solve, result = layout.solves[action.of], vectors.at(action.result)
@@ -85,7 +85,7 @@ def damp(vectors: StepVectors, action: Damp) -> None:
 
 @inline
 def add_compensated(vectors: StepVectors, state: int) -> None:
-    """Write vector number `state` of the new state: the compensated sum of the old one and its increment."""
+    """Write vector `state` of the new state: the compensated sum of the old vector and its increment."""
     layout, work, step = vectors.layout, vectors.running.work, vectors.layout.step
     old_term = state, step.graph.one
     added = vectors.terms(tuple([term for term in step.results[state] if term != old_term]))
@@ -132,7 +132,8 @@ def try_step(arguments: Running, t: float, h: float, entries: Out | None, *, lay
 def take_starting_step(arguments: Running, t: float, h: float, layout: Layout) -> Outcome:
     """Take a step of the method that starts a two-step method. Return the outcome of `take_step`.
 
-    It has its own memory, after that of the main step. The new state is copied to the main step's vectors.
+    The starting method has its own memory, after that of the main step. The new state is copied to the main step's
+    vectors.
     """
     work, starting, width = arguments.work, layout.starting, layout.width
     memory = work[layout.end :]
@@ -182,9 +183,9 @@ def project_new_state(arguments: Running, t: float, entries: Out | None, layout:
 
 
 def state_parts(layout: Layout) -> list[tuple[int, int, int | None]]:
-    """Return for each vector of the new state: its index in [q, v], its offset, and that of its rounding error.
+    """Return for each vector of the new state: its index in [q, v], its offset, and its rounding error's offset.
 
-    Offsets are those in the work array. The last is None if the rounding error is not stored.
+    The last offset is None if the rounding error is not stored. Offsets are positions in the work array.
     """
     step = layout.step
     tried = [layout.lost + (step.states + i) * layout.width for i in range(step.states)]
@@ -202,9 +203,9 @@ def accept_step(
 ) -> None:
     """Make the new state of the trial step, at time t, the state of the run. Add a row if rows are recorded.
 
-    The row is a time in `times` and a state in `rows`. `entries` are the old and new state in registers, or
-    None. `moved` is true if the projection has moved the new state: then the derivative at the end of the step
-    is not valid. It is None without constraints.
+    The row is a time in `times` and a state in `rows`. `entries` are the old and new state in registers, or None.
+    `moved` is true if the projection has moved the new state: then the derivative at the end of the step is not
+    valid. This flag is None without constraints.
     """
     step, width, work, counts = layout.step, layout.width, arguments.work, arguments.counts
     arguments.run.t = t

@@ -19,7 +19,7 @@ from lagrange.program.step import LAWS, Combination, LawCall, in_doubles, parts
 
 Registers = Mapping[int, Sequence[float]]
 """Entries of vectors that have just been computed, by number of the vector. Reading them from memory would take some
-cycles.
+processor cycles.
 """
 
 NO_REGISTERS: Registers = {}
@@ -56,7 +56,7 @@ def vectors_of(
 def evaluated(program: Program, t: float, h: float, ratio: float) -> list[float]:
     """Return the results of a straight-line program whose inputs are three numbers.
 
-    These are the time t, the step length h, and the `ratio` of h to the length of the previous step.
+    The numbers are the time t, the step length h, and the `ratio` of h to the length of the previous step.
     """
     values: list[float] = []
     for instruction in program.instructions:
@@ -114,7 +114,7 @@ class StepVectors:
 
     @inline
     def terms(self, combination: Combination, *, sizes: bool = False) -> Terms:
-        """Return the terms of a linear combination of vectors, those with the factor one first.
+        """Return the terms of a linear combination of vectors. Terms with the factor one come first.
 
         With `sizes` they are for the sum of the terms' magnitudes.
         """
@@ -148,7 +148,7 @@ class StepVectors:
         """Evaluate the law in a `call`. Return True if a matrix is singular, and the results in registers.
 
         The results are also stored in the work array. `registers` has the results of earlier calls as single numbers,
-        by number of the vector. The second result has those of this call in the same form; it is empty unless the
+        by number of the vector. The second result has the results of this call in the same form; it is empty unless the
         layout keeps results in registers.
         """
         layout, running, law = self.layout, self.running, LAWS[self.layout.step.law]

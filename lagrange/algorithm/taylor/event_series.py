@@ -1,10 +1,10 @@
-"""Series of a watched function on a Taylor step: rounding noise, accurate range, sign, and tests for zeros.
+"""Tests for zeros of event functions on a Taylor step, by their series: rounding noise, accurate range, sign.
 
-A watched function is an event function or a switching surface. Three tests use its series. First, the
-coefficients may show that the function keeps its sign. Second, the sums of its terms usually show that it has
-one zero or none. Third, the sign at the end of a step must agree with the series. A function that saturates,
-such as erf(x), looks constant where it is flat, and its series does not show a slope further ahead. The next
-series begins with the exact value, which shows the error.
+A watched function is an event function or a switching surface. Three tests use its series. First, the coefficients may
+show that the function keeps its sign. Second, the sums of its terms usually show that it has one zero or none. Third,
+the sign at the end of a step must agree with the series. A function that saturates, such as erf(x), looks constant
+where it is flat, and its series does not show a slope further ahead. The next series begins with the exact value, which
+shows the error.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 EVENT_NOISE = 4 * 2.0**-52 / 2.0**-26
-"""Noise of an event function, as a multiple of its change under a perturbation of the state. It is the rounding of the
-state, here and at the end of the last step, divided by the relative perturbation (half of the digits).
+"""Noise of an event function, as a multiple of its change under a perturbation of the state. The noise is due to the
+rounding of the state, in the function and at the end of the last step. The relative perturbation is 2**-26, half of the
+digits.
 """
 
 BALANCE = 256.0
 """Bound for an event function on a step that the series does not limit: the largest ratio of its higher terms, which
-grow with the square of time or faster, to its lower terms. It costs two digits of the roots; runs then take a few more
-steps.
+grow with the square of time or faster, to its lower terms. Roots then lose two digits, and runs take a few more steps.
 """
 
 DOUBT = 64 * 2.0**-52
@@ -98,10 +98,11 @@ def write_noise(view: WatchedView, numbers: In, t: float, state: In) -> None:
 
 @procedure(noinline=True)
 def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
-    """Return the length, up to s, on which the error of a series is below a relative tolerance or its noise.
+    """Return the length, up to s, on which the error of a series is below a relative `tolerance` or the `noise`.
 
     `c` has the `count` coefficients of the series of a function. The result is s if the series terminates. The
-    truncation error of the series of an expression may exceed that of the state: it is a sum of products.
+    truncation error of the series of an event function may exceed the error of the state's series, because the
+    function may contain products.
     """
     far, ratio, tries = s, math.inf, 0
     share, middle = -1.0 / float(count - 1), quotient(count - 1, 2)
@@ -136,7 +137,7 @@ def safe_step(c: In, count: int) -> float:
 def shown_radius(c: In, late: int) -> float:
     """Return the radius of convergence that two coefficients of a series show; infinity if one of them is 0.
 
-    They are the coefficient of order `late` and that `ROW_DISTANCE` orders before; `c` has all coefficients.
+    The coefficients are of order `late` and of the order `ROW_DISTANCE` below; `c` has all coefficients.
     """
     early = max(late - ROW_DISTANCE, 1)
     before, after = abs(c[early]), abs(c[late])
@@ -148,8 +149,8 @@ def shown_radius(c: In, late: int) -> float:
 def is_balanced(c: In, count: int, s: float) -> bool:
     """Return True if no power above 1 dominates a series on a step.
 
-    The largest term of power 2 or more is then at most `BALANCE` times the larger of the terms of power 0 and
-    1, or both of these are zero. `c` has the `count` coefficients, and s is the length of the step.
+    Then the largest term of power 2 or more is at most `BALANCE` times the larger of the terms of power 0 and 1, or
+    both of these are zero. `c` has the `count` coefficients, and s is the length of the step.
     """
     low = larger(abs(c[0]), abs(c[1]) * s)
     high, power = 0.0, s * s
@@ -177,8 +178,8 @@ def keeps_sign(c: In, count: int, s: float, noise: float, sign: float) -> bool:
 def is_linear(start: float, end: float, sizes: float, rest: float, noise: float) -> bool:
     """Return True if the linear part of a series on a step exceeds all other terms, so that it stays positive.
 
-    `start` and `end` are the values of the linear part at the ends of the step. `rest` is the sum of magnitudes
-    of the other terms, `sizes` that of all terms, and `noise` the error of the values.
+    `start` and `end` are the values of the linear part at the ends of the step. `rest` is the sum of magnitudes of
+    the other terms, `sizes` the sum of magnitudes of all terms, and `noise` the error of the values.
     """
     least = fma(POLYNOMIAL_NOISE, sizes, rest + noise) * SURELY
     return start > least and end > least
@@ -240,8 +241,8 @@ def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: flo
 def comparable_unit(t: float, scale: float) -> float:
     """Return the time over which terms of a watched function's series are compared, in units of the time scale.
 
-    It is one time scale, or |t| / 64 if that is shorter: the scale of a polynomial motion is arbitrary. Motions
-    shorter than some spacings of floating-point times cannot be resolved in any case.
+    The result is one time scale, or |t| / 64 if that is shorter: the scale of a polynomial motion is arbitrary.
+    Motions shorter than some spacings of floating-point times cannot be resolved in any case.
     """
     return 1.0 if t == 0.0 else larger(smaller(abs(t / scale) * (1.0 / 64), 1.0), 2.0**-40)
 
@@ -254,10 +255,10 @@ LEAST_COUNT = 3
 
 @record
 class TermSums:
-    """Sums over every second term x[k] s**k of a series. Those for even and odd k are added in parallel.
+    """Sums over every second term x[k] s**k of a series. Sums for even and for odd k are computed in parallel.
 
-    `rest` is the sum of the magnitudes of the terms, and `rates` that of k times the terms. `end` and `slope`
-    are the same sums with the signs of the terms.
+    `rest` is the sum of the magnitudes of the terms, and `rates` the sum of k times these magnitudes. `end` and
+    `slope` are the same sums with the signs of the terms.
     """
 
     number: float
@@ -331,11 +332,11 @@ def event_terms(rows: In, width: int, order: int, s: float, c: Out, slopes: Out,
 
 @procedure
 def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In) -> int:
-    """Return the sign to which a watched function changes once on a step; 0 if it keeps it, 2 if undecided.
+    """Return the sign to which a watched function changes once on a step; 0 if it keeps its sign, 2 if undecided.
 
-    It is undecided if the slope may change its sign, or if a value at an end is within its error, the `noise`
-    plus rounding. `sign` is the sign at the start. `terms` and `sums` are those of `event_terms`, for a series
-    of an `order` on a step of length s.
+    The result is undecided if the slope may change its sign, or if a value at an end is within its error, the
+    `noise` plus rounding. `sign` is the sign at the start. `terms` and `sums` are those of `event_terms`, for a
+    series of an `order` on a step of length s.
     """
     start, slope, rest, rates, end = terms[0], terms[1], sums[REST], sums[RATES], sums[END]
     rate, side = abs(slope), float(sign)
@@ -378,8 +379,8 @@ def used_count(c: Readable[float], order: int) -> int:
 def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> bool:
     """Copy the coefficients of a watched function from rows to `c`, unless that was done before.
 
-    Return False if one of them is not finite. They are read from `rows` at indices that are multiples of
-    `width`. `counts[0]` is 0 before the copy; then it is the number of coefficients up to the last nonzero one.
+    Return False if a coefficient is not finite. The coefficients are read from `rows` at indices that are multiples
+    of `width`. `counts[0]` is 0 before the copy; then it is the number of coefficients up to the last nonzero one.
     """
     if counts[0] != 0:
         return True
@@ -392,7 +393,7 @@ def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> 
 def column_of(view: WatchedView, i: int) -> tuple[bool, In]:
     """Return (True if finite, coefficients) for the series of watched function i.
 
-    They are copied to adjacent memory if that was not done before.
+    The coefficients are copied to adjacent memory if that was not done before.
     """
     c = view.columns[i * COLUMN :]
     is_finite = read_column(view.rows[i:], view.layout.width, view.order, c, view.coefficient_counts[i:])
@@ -412,7 +413,7 @@ def terms_of(view: WatchedView, i: int) -> tuple[Out, Out, Out]:
 def copy_series(rows: In, width: int, count: int, c: Out) -> bool:
     """Copy `count` coefficients of a watched function to `c`. Return True if all of them are finite.
 
-    They are read from `rows` at indices that are multiples of `width`.
+    The coefficients are read from `rows` at indices that are multiples of `width`.
     """
     total = 0.0
     for k in range(count):
@@ -467,10 +468,10 @@ def sum_beyond_linear(rows: Readable[float], width: int, order: int, s: float, i
 
 @procedure(watched=watched_type)
 def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layout: TaylorLayout) -> bool:
-    """Return True if the sign of a watched function at time t differs from that which its last series gives.
+    """Return True if the sign of a watched function at time t differs from the prediction of its last series.
 
-    `length` is the length of the last step in units of the time scale, and `rtol` the relative tolerance.
-    Functions that may jump are excluded: their sign may change without a zero.
+    `length` is the length of the last step in units of the time scale, and `rtol` the relative tolerance. Functions
+    that may jump are excluded: their sign may change without a zero.
     """
     view, is_doubted = WatchedView(watched, layout), False
     for i in range(layout.watched):
@@ -495,8 +496,8 @@ def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layou
 def changes_side(view: WatchedView, i: int, length: float) -> bool:
     """Return True if watched function i has another sign than the search for zeros found for it.
 
-    Values that the slope explains over a small part of the last step do not count. `length` is the length of
-    that step in units of the time scale. Functions that may jump are excluded.
+    Values that the slope explains over a small part of the last step do not count. `length` is the length of the
+    last step in units of the time scale. Functions that may jump are excluded.
     """
     value, slope, sign = view.rows[i], view.rows[view.layout.width :][i], view.signs[i]
     is_settled: bool = view.near_flags[i] == 0 and view.smooth[i] != 0 and view.kept_starting[i] == 0

@@ -1,6 +1,7 @@
-"""Zeros of watched functions (event functions and switching surfaces) on the next Taylor step, by time.
+"""Search for zeros of event functions and switching surfaces on the next Taylor step, in order of time.
 
-The first zero that changes the motion, by a reset, a crossed surface or the end of the run, ends the step.
+Both kinds are called watched functions. The first zero that changes the motion, by a reset, a crossed surface or the
+end of the run, ends the step.
 """
 
 from __future__ import annotations
@@ -71,11 +72,11 @@ def zeros_on_step(
 ) -> int:
     """Find the zeros of watched functions on a step of length s, sorted by time, and return their number.
 
-    They are written to `zeros`. The result is -1 on failure. Only functions with a nonzero entry in `doubtful`
-    are searched. With `until`, only zeros up to the first that certainly changes the motion, and simultaneous
-    ones, are needed. The search then ends at twice the time of that zero, or at `SEARCH_MARGIN` of the step
-    after it if that is later. There, simultaneous zeros are clearly passed. `stored_length` is the length for
-    which `event_terms` has stored terms. `last` is true if the run ends at the end of the step.
+    The zeros are written to `zeros`. The result is -1 on failure. Only functions with a nonzero entry in `doubtful`
+    are searched. With `until`, only zeros up to the first that certainly changes the motion, and zeros simultaneous
+    with it, are needed. The search then ends at twice the time of that zero, or at `SEARCH_MARGIN` of the step
+    after it if that is later. At that time, simultaneous zeros are clearly passed. `stored_length` is the length
+    for which `event_terms` has stored terms. `last` is true if the run ends at the end of the step.
     """
     view, count, far = view_of(watched), 0, s
     for i in range(view.layout.watched):
@@ -105,9 +106,9 @@ def find_zeros(
     """Write the zeros of watched function i up to time s to `zeros`, from index `to` on. Return their number.
 
     The result is negative on failure. The sums of the terms of its series usually decide. Otherwise roots are
-    isolated. A function that starts at zero is divided by time, which removes that root: the next one may be
-    close. `step` is the length of the whole step, and `stored_length` the length for which terms are stored.
-    `last` is true if the run ends at the end of the step.
+    isolated. A function that starts at zero is divided by time, which removes that root: the next root may be close
+    to it. `step` is the length of the whole step, and `stored_length` the length for which terms are stored. `last`
+    is true if the run ends at the end of the step.
     """
     view, order = view_of(watched), watched.order
     sign, is_near = view.start_signs[i], view.start_near_flags[i] != 0
@@ -142,7 +143,9 @@ def find_zeros(
 
 
 CLOSE_ROOTS = 8.0
-"""Distance of two zeros of one function, in units of simultaneous times, below which they are one zero."""
+"""Distance of two zeros of one function below which they are one zero, as a multiple of the distance of simultaneous
+zeros.
+"""
 
 MOST_BALANCING = 200
 """Largest number of halvings of a step until the low powers of watched functions dominate."""
@@ -277,10 +280,9 @@ def end_at_change(
 def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched: Watched, proven: bool) -> int:
     """Append the functions that are zero at the end of a step to the list of due functions. Return its length.
 
-    These are functions whose reset or crossing follows. `due` is the present length of the list. The step ends
-    at the time `at`, and `count` is the number of `zeros`. Zeros within the time `close` of the end count. If
-    the zeros are not `proven`, a function whose zero is not exactly at the end must vanish there within its
-    noise.
+    Due functions are those whose reset or crossing follows. `due` is the present length of the list. The step ends
+    at the time `at`, and `count` is the number of `zeros`. Zeros within the time `close` of the end count. If the
+    zeros are not `proven`, a function whose zero is not exactly at the end must vanish at the end within its noise.
     """
     view, number = view_of(watched), due
     for j in range(count):
@@ -312,7 +314,7 @@ def is_due(index: int, due: int, view: WatchedView) -> Any:
 def terminates(work: In, order: int, layout: RecordedLayout) -> bool:
     """Return True if the series of the state are polynomials: their last two coefficients are zero.
 
-    Then they do not limit the step. The rows of coefficients are in the work array.
+    Such series do not limit the step. The rows of coefficients are in the work array.
     """
     last, before = row(work, order, layout), row(work, order - 1, layout)
     index = 0
@@ -347,7 +349,7 @@ def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched
                     return -1.0
                 length = limited_to(safe_step(c, count), length, i, watch)
     if unlikely(is_polynomial):
-        # A series that is balanced on a step is balanced on a shorter one.
+        # A series whose terms are balanced on a step is also balanced on each shorter step.
         halvings = 0
         for i in range(view.layout.watched):
             if doubtful[i] != 0.0:
@@ -366,7 +368,7 @@ def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched
 def limited_to(far: float, length: float, which: int, watch: Watch) -> float:
     """Return the smaller of two lengths, `far` and `length`.
 
-    If it is `far`, record that watched function number `which` limits the step.
+    If `far` is smaller, record that watched function number `which` limits the step.
     """
     watch.limiting = which if far < length else watch.limiting
     return smaller(length, far)
@@ -376,8 +378,9 @@ def limited_to(far: float, length: float, which: int, watch: Watch) -> float:
 def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
     """Write the signs of watched functions at the start of a step, for a search on the length s.
 
-    They are the signs known so far. A function that jumped over zero since the last step has the opposite sign;
-    only functions with a nonzero entry in `doubtful` are tested for it. Return False if a series is not finite.
+    The signs are those known so far. A function that jumped over zero since the last step has the opposite sign;
+    only functions with a nonzero entry in `doubtful` are tested for such a jump. Return False if a series is not
+    finite.
     """
     view = view_of(watched)
     for i in range(view.layout.watched):
@@ -430,7 +433,7 @@ def simultaneous(step: InspectedStep, at: float) -> float:
 def accept_zeros(
     zeros: Zeros, count: int, end: StepEnd, step: InspectedStep, taylor: TaylorState, watched: Watched, again: bool
 ) -> int:
-    """Write the events on a step before its `end`, and the signs of watched functions there.
+    """Write the events on a step before its `end`, and the signs of watched functions at the end.
 
     `count` is the number of `zeros`. The signs before the step are saved. `again` forces an inspection of the next
     step. The result is `GO_ON`, or `LEAVE` or `WAIT` if the arrays have no space.
@@ -455,7 +458,7 @@ def save_sides(view: WatchedView) -> None:
 
 @inline
 def take_sides(zeros: Zeros, view: WatchedView) -> bool:
-    """Take the signs of watched functions at the end of a step. Return True if a function is zero or near zero."""
+    """Store the signs of watched functions at the end of a step. Return True if a function is zero or near zero."""
     is_near_zero = False
     for i in range(view.layout.watched):
         sign, near = zeros.signs[i], zeros.near_flags[i]

@@ -1,6 +1,7 @@
 """Loop over Taylor steps: compute the series at the state, test the defect of the last step, take the next step.
 
-A step has a length that follows from its series, in a suitable unit of time, and ends at zeros of watched functions.
+The length of a step follows from its series, in a suitable unit of time. Steps end at zeros of watched functions (event
+functions and switching surfaces) that change the motion.
 """
 
 from __future__ import annotations
@@ -56,17 +57,17 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 LARGEST_SCALE_RATIO = 10.0
-"""The step and the scale of time differ by a factor of at most 2**10; otherwise the series is computed again. The scale
-is a power of two near the last step. In this unit coefficients neither overflow nor underflow, whatever the units of
-the statement.
+"""Largest binary logarithm of the ratio of the step to the scale of time; beyond it the series is computed again. The
+scale is a power of two near the last step. In this unit coefficients neither overflow nor underflow, whatever the units
+of the statement.
 """
 
 FIRST_SCALE_RATIO = 1.5
-"""`LARGEST_SCALE_RATIO` for the first step of a run: a factor of 2**1.5."""
+"""The value of `LARGEST_SCALE_RATIO` for the first step of a run: a factor of 2**1.5."""
 
 OVERFLOWED = -45.0
-"""A step below this power of two, in units of the scale, means that a coefficient has overflowed, or nearly so.
-Infinity, as 2**1024 tolerances, gives a step of 2**-51 at order 20.
+"""Binary logarithm of a step, in units of the time scale, below which a coefficient has overflowed, or nearly so. An
+infinite coefficient counts as 2**1024 tolerances: at order 20 it gives a step of 2**-51.
 """
 
 LONGER_SCALE, SHORTER_SCALE = 20.0, -40.0
@@ -79,9 +80,9 @@ SHORTEST_SCALE = 1e-280
 """The shortest scale of time: a step of 2**-45 of it is still a normal double."""
 
 MOST_RESCALINGS = 120
-"""Largest number of changes of the scale of time for one step. After them the coefficients count as infinite. From a
-scale of 1, 24 changes by `SHORTER_SCALE` lead below `SHORTEST_SCALE`, to 1e-289, and 96 by `LONGER_SCALE` from there to
-1e289.
+"""Largest number of changes of the scale of time for one step. After these changes the coefficients count as infinite.
+From a scale of 1, 24 changes by `SHORTER_SCALE` lead below `SHORTEST_SCALE`, to 1e-289, and 96 by `LONGER_SCALE` from
+there to 1e289.
 """
 
 
@@ -155,7 +156,7 @@ def length_of_step(
 
     The length is in units of the time scale. `t` is the time, `left` the time from t to the end of the run, and
     `exponent` the binary logarithm of the step that the series allows. Operations without the coefficients come
-    first: processors run them before the last coefficient is available.
+    first: processors execute them before the last coefficient is available.
     """
     run, taylor = arguments.run, arguments.taylor
     inverse = 1.0 / abs(scale)
@@ -174,9 +175,9 @@ def length_of_step(
 def fits(arguments: Arguments, exponent: float, reach: float, is_ending: bool) -> bool:
     """Return True if the step is near the scale of time, so that all coefficients are in the range of doubles.
 
-    `exponent` is the binary logarithm of the step that the series allows, and `reach` that of the longest step,
-    in units of the scale. A series that terminates (`is_ending`) fits if the scale is at least about as long as
-    that step. After `MOST_RESCALINGS` changes any scale is accepted.
+    `exponent` is the binary logarithm of the step that the series allows, and `reach` that of the longest step, in
+    units of the scale. A series that terminates (`is_ending`) fits if the scale is at least about as long as the
+    longest step. After `MOST_RESCALINGS` changes any scale is accepted.
     """
     tries = arguments.taylor.rescalings
     is_first = arguments.counts.steps + tries == 0
@@ -208,7 +209,7 @@ def rescale(taylor: TaylorState, exponent: float, reach: float, terminates: bool
 def change_motion(arguments: Arguments, t: float, watched: Watched, layout: TaylorLayout) -> Outcome:
     """Apply the reset or surface crossing that is due at time t, if it is regular. Return an outcome.
 
-    PAUSED means that it was applied, and WATCHED that the caller must handle it. DONE means that nothing was
+    PAUSED means that a change was applied, and WATCHED that the caller must handle it. DONE means that nothing was
     changed, and the step is to be taken.
     """
     watch, result = watched.watch, Outcome.DONE
@@ -216,14 +217,8 @@ def change_motion(arguments: Arguments, t: float, watched: Watched, layout: Tayl
         if unlikely(watch.due != 0):
             result = Outcome.WATCHED
     elif unlikely(watch.due == 1 and watch.enabled != 0):
-        jet, rtol, counts, taylor, is_done = (
-            arguments.jet,
-            arguments.run.rtol,
-            arguments.counts,
-            arguments.taylor,
-            False,
-        )
-        view = WatchedView(watched, layout)
+        jet, rtol, counts, taylor = arguments.jet, arguments.run.rtol, arguments.counts, arguments.taylor
+        view, is_done = WatchedView(watched, layout), False
         if view.is_event(view.due[0]):
             prepared, constants = numbers_of(arguments, layout)
             is_done = reset_state(
@@ -276,8 +271,8 @@ def move_on(arguments: Arguments, t: float, h: float, final: bool) -> None:
 def projected(arguments: Arguments, watched: Watched | None, layout: TaylorLayout) -> Outcome:
     """Project the state onto the constraints, with compensation. Return an outcome.
 
-    DONE means that the state satisfies them. PAUSED means that this failed: the step is undone, and a shorter
-    one follows. UNPROJECTED means that it failed too often.
+    DONE means that the state satisfies the constraints. PAUSED means that the projection failed: the step is
+    undone, and a shorter one follows. UNPROJECTED means that the projection failed too often.
     """
     work, taylor = arguments.work, arguments.taylor
     corrections, lost = (arguments.projection, arguments.projection_numbers), work[layout.lost :]
@@ -358,7 +353,7 @@ def iteration(arguments: Arguments, last: bool, digits: float, *, layout: Taylor
         return Outcome.SINGULAR
     begins = (counts.steps == 0 or taylor.rescalings != 0) and counts.surveyed == 0
     if unlikely(begins and run.share > 0.0):
-        # At the start and after a change of the time scale, floors of entries that are zero follow from the series.
+        # At the start and after a change of the time scale, tolerances of zero entries follow from the series.
         is_blind = first_floors(run.share, arguments.floors, work, order, layout=layout)
         if is_blind and may_ask(run, counts):
             if counts.steps == 0:
@@ -408,7 +403,7 @@ def prove_step(arguments: Arguments, weights: In, is_singular: bool, *, layout: 
 def may_ask(run: Run, counts: Counts) -> bool:
     """Return True if the run may return to the caller for an estimate of the sizes of the state's entries.
 
-    It may if floors (absolute tolerances) follow these sizes, and it has not returned for this reason too
-    often.
+    The floors (absolute tolerances) must depend on these sizes, and the run must not have returned for this reason
+    more than `MOST_SURVEYS` times.
     """
     return run.share > 0.0 and counts.surveyed < MOST_SURVEYS

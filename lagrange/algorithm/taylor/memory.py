@@ -1,7 +1,6 @@
-"""Memory layout of a Taylor step, and constants of Taylor steps: lowest order, margins, radius fraction.
+"""Memory of a Taylor step: layout of its work array, state of a run, and constants of Taylor steps.
 
-A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one
-number.
+A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one number.
 """
 
 from __future__ import annotations
@@ -20,19 +19,20 @@ from lagrange.procedure.front.vocabulary import In, each, form_of, magnitude, re
 from lagrange.program.series import SeriesProgram
 
 STEP_MARGIN = 0.1
-"""Fraction of the tolerance at which steps aim: errors add up along a run."""
+"""Steps aim at an error of this fraction of the tolerance, because errors add up along a run."""
 
 TIGHT_RTOL, LEAST_MARGIN = 1e-15, 0.01
-"""Below this tolerance steps aim at a hundredth of it. The truncation error has the same sign at every step. It must be
-far below rounding, for the energy error to grow like the square root of time. Over 100,000 Kepler orbits (e = 0.6) it
-stays below 500 units of rounding; with a tenth it reaches 2,900.
+"""Below the tolerance `TIGHT_RTOL` steps aim at the fraction `LEAST_MARGIN` of it. The truncation error has the same
+sign at every step. The error of one step must be far below rounding, for the energy error to grow like the square root
+of time. Over 100,000 Kepler orbits (e = 0.6) it stays below 500 units of rounding; with a tenth of the tolerance it
+reaches 2,900.
 """
 
 SMALLEST_RTOL = 2.0**-53
 """Smallest relative tolerance: the precision of doubles."""
 
 LOWEST_ORDER = 4
-"""Lowest order of a series for steps."""
+"""Lowest order of a Taylor series for steps."""
 
 RADIUS_FRACTION = -1.0
 """log2 of the largest step as a fraction of the estimated radius of convergence. The bound holds even if the last rows
@@ -48,16 +48,19 @@ power of time the rows in between are zero.
 """
 
 PROBES, STEP_GROWTH = 32, 2.0
-"""A series that terminates does not bound the next step. If a step exceeds the second number times the previous step,
-its defect is tested at the first number of points along it.
+"""A series that terminates does not bound the next step. If a step exceeds `STEP_GROWTH` times the previous step, its
+defect is tested at `PROBES` points along it.
 """
 
 EVENT_SLACK = 64.0
-"""Truncation error of an event function's series, in units of the state's tolerance; it is larger because of products.
+"""Truncation error of an event function's series, in units of the state's tolerance. It is above 1, because the
+function may contain products.
 """
 
 MOST_SURFACES = 3
-"""Largest number of surfaces whose sides the loop changes. The numbers for all combinations of sides are stored."""
+"""Largest number of switching surfaces that the loop crosses itself. The numbers for all combinations of signs are
+stored.
+"""
 
 
 JET = Callee((REAL, REAL, READ, READ, READ, Array(), WHOLE), (FLAG,))
@@ -224,7 +227,7 @@ class TaylorLayout(Offsets):
 
     @property
     def moving(self) -> int:
-        """Index of the first entry of the first block that contains velocities."""
+        """Index of the first entry of the first block of the state that contains velocities."""
         return self.dimension // 2 // self.block * self.block
 
     def coefficients(self, work: NDArray[np.float64], order: int) -> NDArray[np.float64]:
@@ -267,7 +270,7 @@ def layout_of(sizes: Sizes) -> Any:
 
 
 def work_type() -> Array:
-    """Return the type of a work array parameter."""
+    """Return the type of a procedure's parameter that is a work array."""
     return Array(room=WIDEST_VECTOR)
 
 
@@ -294,7 +297,7 @@ def row(work: Any, k: int, layout: Any) -> Any:
 
 @inline
 def less(order: int, count: int) -> int:
-    """Return order - count. The order is at least 4; `count` is at least 1 and known at compile time."""
+    """Return order - count, for an order of at least 4. `count` is at least 1 and known at compile time."""
     return max(order - count, 1) if count > 1 else order - count
 
 

@@ -1,6 +1,7 @@
-"""Events at the end of a Taylor step: reset of the state, or crossing of a switching surface.
+"""Events at the end of a Taylor step that change the motion: reset of the state, or crossing of a switching surface.
 
-The side of zero of a watched function (event function or switching surface) is its sign, 1 or -1.
+Event functions and switching surfaces are called watched functions. The side of zero of such a function is its sign, 1
+or -1.
 """
 
 from __future__ import annotations
@@ -19,20 +20,20 @@ from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, larger, quotient, reals
 
 AT_REST = 4.0
-"""Largest distance of an event function from zero after a reset that counts as zero, relative to that before it."""
+"""Largest value of an event function after a reset that counts as zero, as a multiple of its value before the reset."""
 
 
 @procedure(noinline=True, watched=watched_type)
 def sides_at_start(
     t: float, scale: float, rtol: float, margin: float, index: int, numbers: In, start_state: In, watched: Watched
 ) -> bool:
-    """Find the sign of each watched function just after the start of a motion, and those that start at zero.
+    """Find the sign of each watched function just after a start or a reset, and the functions that are zero there.
 
-    The results are written to scratch memory. The state at the start, its rounding errors and its series are in
-    the work array `start_state`. `numbers` are the parameters of the functions. The function with this `index`,
-    which changed the motion, counts as zero up to `margin`. Return False if the signs are undecided: a series
-    is not finite; that function does not leave zero at once; or another one starts at zero. At the start of a
-    run `index` is -1, and an event without reset may start at zero.
+    The results are written to scratch memory. The state at the start, its rounding errors and its series are in the
+    work array `start_state`. `numbers` are the parameters of the functions. The function with this `index`, which
+    changed the motion, counts as zero up to `margin`. Return False if the signs are undecided: a series is not
+    finite; that function does not leave zero at once; or another function starts at zero. At the start of a run
+    `index` is -1, and an event without reset may start at zero.
     """
     view, c = view_of(watched), reals(MOST_COEFFICIENTS + 1)
     layout, count = view.layout, watched.order + 1
@@ -72,7 +73,7 @@ def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
 
 @inline
 def put_sides(view: WatchedView) -> None:
-    """Copy the signs just after the start of a motion from scratch memory: they become the known signs."""
+    """Copy the signs of watched functions just after a start or a reset from scratch memory to the known signs."""
     for i in range(view.layout.watched):
         view.signs[i], view.near_flags[i] = view.begun_signs[i], 0
         view.starting[i] = view.begun_orders[i]
@@ -80,7 +81,7 @@ def put_sides(view: WatchedView) -> None:
 
 @inline
 def just_changed(t: float, watch: Watch) -> bool:
-    """Return True if time t is too close to the last reset or surface crossing to apply another one.
+    """Return True if time t is too close to the last reset or surface crossing to apply another change.
 
     Changes may accumulate at a time. Therefore the caller handles a change that follows so soon.
     """
@@ -100,9 +101,9 @@ def reset_state(
     rows: Out,
     watched: Watched,
 ) -> bool:
-    """Apply the one reset that is due at time t, and append the new state to `times` and `rows`. Return True.
+    """Apply the reset that is due at time t, and append the new state to `times` and `rows`. Return True.
 
-    If the reset is not simple, for example at the end of the run, return False: the caller has to do it.
+    Return False, with nothing changed, if the caller has to apply the reset, for example at the end of the run.
     """
     view, watch, work = view_of(watched), watched.watch, watched.work
     layout = view.layout
@@ -154,10 +155,10 @@ def reset_state(
 def sides_after_reset(t: float, scale: float, rtol: float, index: int, new_state: Out, watched: Watched) -> bool:
     """Find the signs of the watched functions just after a reset by the event with this `index`.
 
-    They are written to scratch memory. Return False if they are undecided; then the caller handles the reset.
-    The state after the reset and its series are in the work array `new_state`. No other function may start at
-    zero, and no surface may change its sign. An event function that the reset does not change keeps its sign;
-    it is undecided if the function came near zero before, because it may have touched zero.
+    The signs are written to scratch memory. Return False if they are undecided; then the caller handles the reset.
+    The state after the reset and its series are in the work array `new_state`. No other function may start at zero,
+    and no surface may change its sign. An event function that the reset does not change keeps its sign. The sign is
+    undecided if the function was near zero before, because it may have touched zero.
     """
     view, watch = view_of(watched), watched.watch
     new, old = new_state[view.layout.rows + view.layout.watched_at :], view.rows

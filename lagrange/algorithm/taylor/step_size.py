@@ -1,7 +1,7 @@
 """Size of a Taylor step by the last rows of its series, and defect test of the step: acceptance or rejection.
 
-The truncation error of a series of order p, relative to its tolerance, is about the size of its last rows, the
-coefficients of the highest orders. The step keeps both rows below one. The growth of the rows gives the radius of
+A row has the coefficients of one order. The truncation error of a series of order p, relative to its tolerance, is
+about the size of its last two rows. The step keeps both below one. The growth of the rows gives the radius of
 convergence. Source: A. Jorba, M. Zou, A software package for the numerical integration of ODEs by means of high-order
 Taylor methods, Experimental Mathematics 14 (2005), 99-117.
 
@@ -63,16 +63,16 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 START_ROWS = 4
-"""Number of rows after the first from which the size of an entry that is zero at the start of a run is estimated. The
+"""Number of orders, from 1 on, whose coefficients give the size of an entry that is zero at the start of a run. The
 fourth derivative includes one coupling between coordinates. Entries whose series begin later have no estimate.
 """
 
 ROWS_USED = 6
 GUARD = 0.25
-"""Margin of the step beyond the guard, in binary digits. The step follows the last two rows; the `ROWS_USED - 2` rows
-before them are the guard. From rest every other coefficient is zero, and the last nonzero one may be small by chance.
-Row k of a series of radius r gives the estimate r tolerance**(1/k). The step may exceed this estimate by a quarter of a
-binary digit, because the rows of an entire function decrease faster and faster.
+"""Margin of the step, in binary digits, beyond the bound by earlier rows. The step follows the last two rows; the
+`ROWS_USED - 2` rows before them are a second bound, the guard. From rest every other coefficient is zero, and the last
+nonzero one may be small by chance. Row k of a series of radius r gives the estimate r tolerance**(1/k). The step may
+exceed this estimate by a quarter of a binary digit, because the rows of an entire function decrease faster and faster.
 
 Rows below half of the order are not used. If a velocity is zero, its tolerance is relative to its first coefficient,
 and the estimate is the unit of time, which follows the step. At order 4 and a tolerance of 1e-12 no step would be long
@@ -82,14 +82,14 @@ less GUARD.
 """
 
 ZERO, ZERO_BOUND = -900.0, -800.0
-"""Powers of two, relative to the tolerance: the stand-in for zero in a logarithm, and the bound below which a
-coefficient is zero. In a suitable scale the last coefficients are within 2**(LARGEST_SCALE_RATIO * order) of the
-tolerance, 2**640 at order 64. So the bound excludes zeros only.
+"""Binary logarithms relative to the tolerance. `ZERO` replaces the logarithm of zero, and a coefficient below
+`ZERO_BOUND` is zero. In a suitable scale the last coefficients are within 2**(LARGEST_SCALE_RATIO * order) of the
+tolerance, 2**640 at order 64. So only zeros are below the bound.
 """
 
 LARGEST_STEP_EXPONENT = 900.0
-"""log2 of the longest step, in units of the scale. A series that terminates may allow a step beyond the range of
-doubles.
+"""Binary logarithm of the longest step, in units of the time scale. If the series is a polynomial, it may allow a step
+beyond the range of doubles.
 """
 
 LOG2 = (-1.6531240060861732, 1.9941811995403236, -0.33474901889029146)
@@ -104,7 +104,7 @@ step.
 def logarithm(x: float) -> float:
     """Return the binary logarithm of a nonnegative number to two digits, at least `ZERO`.
 
-    It is 1024 for infinity, and NaN for NaN.
+    The result is 1024 for infinity, and NaN for NaN.
     """
     bounded = magnitude(x, 2.0**ZERO)
     result = float(exponent(bounded)) + polynomial(mantissa(bounded), LOG2)
@@ -181,9 +181,10 @@ def largest(values: Sequence[float]) -> float:
 
 @procedure(floors=floors_type, weights=weights_type, work=work_type)
 def weigh(rtol: float, floors: In, weights: Out, work: Out, *, layout: TaylorLayout) -> None:
-    """Write 1 / (rtol * size + floor) of each entry of the state to `weights`.
+    """Write 1 / tolerance of each entry of the state to `weights`. The tolerance is rtol * size + floor.
 
-    The size is the larger of the entry and its Taylor coefficient of order 1, in magnitude; both are in `work`.
+    The size is the larger of the entry and its Taylor coefficient of order 1, in magnitude; both are in `work`. The
+    `floors` are absolute tolerances.
     """
     first = row(work, 1, layout)
     for i in each(layout.padded, **layout.loop):
@@ -192,7 +193,7 @@ def weigh(rtol: float, floors: In, weights: Out, work: Out, *, layout: TaylorLay
 
 @inline
 def ends(order: int, step: float) -> bool:
-    """Return True if the last coefficients of a series are zero: it terminates, or they underflow.
+    """Return True if the last coefficients of a series are zero: the series terminates, or they underflow.
 
     `step` is the binary logarithm of the step that the series of this `order` allows; it is then very large.
     """
@@ -220,7 +221,7 @@ def choose_exponent(
     if not layout.crossing:
         first, second = radius(sizes, 1, order), radius(sizes, 0, order)
         least = lesser(least, (first if first > second else second) + RADIUS_FRACTION)
-    # The step also stays below the bound by the row before the last, as if this were the last one.
+    # The row before the last also bounds the step, as if it were the last row.
     before = fma(
         sizes[1],
         minus_one_over(less(order, 1)),
@@ -242,9 +243,9 @@ def lesser(a: float, b: float) -> float:
 def guarded(sizes: Sequence[float], distance: int, digits: float, order: int) -> float:
     """Return the step that an earlier row of coefficients allows, with a margin, as a binary logarithm.
 
-    `sizes` are the binary logarithms of the last rows' sizes, by their distance from the last row; `distance`
-    is that of the earlier row. `digits` is minus the binary logarithm of the relative tolerance. The margin is
-    `GUARD`. The radius of convergence that this row shows takes the place of that of the last row. The bound is
+    `sizes` are the binary logarithms of the last rows' sizes, by their distance from the last row; `distance` is
+    the distance of the earlier row. `digits` is minus the binary logarithm of the relative tolerance. The margin is
+    `GUARD`. The radius of convergence that this row shows is used at the order of the last row. The bound is
     infinite for rows below half of the order.
     """
     share = minus_one_over(less(order, distance))
@@ -258,8 +259,8 @@ def guarded(sizes: Sequence[float], distance: int, digits: float, order: int) ->
 def radius(sizes: Sequence[float], distance: int, order: int) -> float:
     """Return the binary logarithm of the radius of convergence that two rows of coefficients show.
 
-    They are `ROW_DISTANCE` orders apart. `sizes` are the binary logarithms of the last rows' sizes, by their
-    distance from the last row; the later of the two has this `distance`. The result is infinity if one of the
+    The two rows are `ROW_DISTANCE` orders apart. `sizes` are the binary logarithms of the last rows' sizes, by
+    their distance from the last row; the later of the two has this `distance`. The result is infinity if one of the
     two rows is zero.
     """
     early, late = sizes[distance + ROW_DISTANCE], sizes[distance]
@@ -274,8 +275,9 @@ def bound_by_earlier_rows(
 ) -> float:
     """Return the bound of the step for a series whose last two rows of coefficients are zero.
 
-    It follows from the other rows in the upper half of the orders, and is a binary logarithm, at most `before`.
-    The last rows are zero if the series terminates, or in the gaps of a series in the fourth power of time.
+    The bound follows from the other rows in the upper half of the orders. The bound is a binary logarithm, at most
+    `before`. The last rows are zero if the series terminates, or in the gaps of a series in the fourth power of
+    time.
     """
     weights = reals(layout.padded, room=layout.block)
     weigh(rtol, floors, weights, work, layout=layout)
@@ -287,22 +289,24 @@ def bound_by_earlier_rows(
 
 DEFECT, DEFECT_NOISE = 4.0, 2.0**-40
 """Bound of the defect: the derivative of the series at the end of a step minus the right-hand side there. The bound is
-this many tolerances per order, divided by the step, plus a relative rounding of the largest derivative. The truncation
+`DEFECT` tolerances per order, divided by the step, plus `DEFECT_NOISE` times the largest derivative. The truncation
 error at order p has a derivative of p tolerances over the step. The largest defect in ten scenes at five tolerances was
-1.1 times that.
+1.1 times this derivative.
 """
 
 RETRY_FRACTION, MOST_FAILURES = 0.25, 24
-"""A rejected step is repeated at a quarter of its length, up to this many times. Then the step is at rounding level."""
+"""A rejected step is repeated at the fraction `RETRY_FRACTION` of its length, up to `MOST_FAILURES` times. Then the
+step is at rounding level.
+"""
 
 
 @procedure(weights=weights_type, work=work_type)
 def defect_is_small(length: float, order: int, first: int, weights: In, work: Out, *, layout: TaylorLayout) -> bool:
     """Return True if the defect of a step is small: two derivatives at its end agree.
 
-    One is that of the step's series, stored in the work array. The other is that of the new series at the end,
-    whose coefficients of order 1 begin at index `first` of the work array. `length` is the length of the step
-    in units of the time scale, and `weights` are 1 / tolerance of each entry of the state.
+    The first is the derivative of the step's series, stored in the work array. The second is that of the new series
+    at the end, whose coefficients of order 1 begin at index `first` of the work array. `length` is the length of
+    the step in units of the time scale, and `weights` are 1 / tolerance of each entry of the state.
     """
     begin = layout.moving
     rows, slopes = work[first:][begin:], work[layout.slope + begin :]
@@ -421,7 +425,7 @@ def defect_along_step(
 
 
 VERIFIED_HALVINGS = 60
-"""Largest number of halvings of a step until the series agree."""
+"""Largest number of halvings of a step until the series of the watched functions agree with the functions."""
 
 
 def state_type() -> Array:
@@ -457,12 +461,12 @@ def verified_step(
 ) -> tuple[float, int]:
     """Halve a step of length s until the series of all watched functions agree with the functions at its end.
 
-    `function` evaluates the watched functions from a time, a state and `numbers`. The two agree if they differ
-    by at most the tolerance `rtol`, relative to the largest term, or the rounding errors of the functions:
-    `noise` at the start and `end_noise` at the end. `tilts` are factors near 1 that perturb the entries of a
-    state. `end_values`, `end_noise`, `state` and `moved` are work memory. Return the new length, and the index
-    of the first function that disagreed on the last step that was halved, or -1. Example: at x = 0 the series
-    of x**40 is zero up to order 39, and does not show that the function rises.
+    `function` evaluates the watched functions from a time, a state and `numbers`. A series and its function agree
+    if they differ by at most the tolerance `rtol`, relative to the largest term, or the rounding errors of the
+    functions: `noise` at the start and `end_noise` at the end. `tilts` are factors near 1 that perturb the entries
+    of a state. `end_values`, `end_noise`, `state` and `moved` are work memory. Return the new length, and the index
+    of the first function that disagreed on the last step that was halved, or -1. Example: at x = 0 the series of
+    x**40 is zero up to order 39, and does not show that the function rises.
     """
     layout = layout_of(sizes)
     again, halvings, limiting = True, 0, -1
@@ -491,8 +495,9 @@ def disagreeing(
 ) -> int:
     """Return the index of the first watched function that its series does not reproduce at the end of a step.
 
-    It is -1 if there is none. `s` is the length of the step. `end_values` are the functions at its end. `noise`
-    and `end_noise` are their rounding errors at the start and at the end; the latter is None if unknown.
+    The result is -1 without such a function. `s` is the length of the step. `end_values` are the functions at its
+    end. `noise` and `end_noise` are their rounding errors at the start and at the end; `end_noise` is None if
+    unknown.
     """
     tolerance, wrong = larger(rtol, 2.0**-52), -1
     first = row(work, 0, layout)[layout.watched_at :]

@@ -26,9 +26,9 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, magn
 def advance(s: float, longer: float, work: Out, order: int, *, layout: TaylorLayout) -> bool:
     """Add the sum of the series at the end of a step to the state. Return False if the result is not finite.
 
-    Then the state is unchanged. `s` is the length of the step in units of the time scale. The addition is
-    compensated. The old state is stored, and so is the derivative at the end of the step, multiplied by
-    `longer`, the ratio of the next scale to this one. All are parts of `work`.
+    In that case the state is unchanged. `s` is the length of the step in units of the time scale. The addition is
+    compensated. The old state is stored, and so is the derivative at the end of the step, multiplied by `longer`,
+    the ratio of the next scale to this one. All are parts of `work`.
     """
     new, lost = reals(layout.padded, room=layout.block), reals(layout.padded, room=layout.block)
     low, slopes, powers = work[layout.lost :], work[layout.slope :], powers_of(s)
@@ -55,7 +55,9 @@ def advance(s: float, longer: float, work: Out, order: int, *, layout: TaylorLay
 
 
 FIRST = (1, 2, 3, 4)
-"""First orders of four partial sums of a series, each in powers of s**4. They take a quarter of the time of one sum."""
+"""First orders of four partial sums of a series, each in powers of s**4. Four partial sums take a quarter of the time
+of one sum.
+"""
 
 
 @inline
@@ -80,7 +82,7 @@ def series_sum(work: In, order: int, powers: tuple[float, float, float], i: int,
 def chained_sum(work: In, order: int, powers: tuple[float, float, float], i: int, layout: TaylorLayout) -> float:
     """Return the sum of x[k] s**k over 0 < k <= order, where x[k] are the coefficients of entry i of the state.
 
-    It has four partial sums, over k = first + 4 j for first = 1, 2, 3, 4. Partial sums with one coefficient
+    The sum has four partial sums, over k = first + 4 j for first = 1, 2, 3, 4. Partial sums with one coefficient
     more than the others begin one step earlier. `powers` are s, s**2 and s**4.
     """
     s, square, fourth = powers
@@ -113,8 +115,8 @@ def top_of_chain(
 def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorLayout) -> None:
     """Write the derivative at the end of a step of length s to `work`: the sums of k x[k] s**(k - 1).
 
-    It is multiplied by `longer`, the ratio of the next time scale to this one. Horner's rule for a derivative
-    is used. Only blocks with velocities are summed: the equations of the coordinates are satisfied by
+    The derivative is multiplied by `longer`, the ratio of the next time scale to this one. Horner's rule for a
+    derivative is used. Only blocks with velocities are summed: the equations of the coordinates are satisfied by
     construction.
     """
     begin = layout.moving
@@ -146,10 +148,10 @@ def state_on_step(s: float, to: Out, sizes: Sizes, work: Out, order: int) -> Non
 
 @inline
 def horner(work: In, order: int, s: float, i: int, layout: TaylorLayout) -> tuple[float, float]:
-    """Return the change of entry i of the state at the time s of a step, and its derivative there.
+    """Return the change of entry i of the state at the time s of a step, and its derivative at this time.
 
-    They are the sums over 0 < k <= order of x[k] s**k and of k x[k] s**(k - 1), where x[k] are its
-    coefficients.
+    They are the sums over 0 < k <= order of x[k] s**k and of k x[k] s**(k - 1), where x[k] are the coefficients of
+    the entry.
     """
     total, slope = 0.0, 0.0
     for j in range(order):
@@ -161,10 +163,10 @@ def horner(work: In, order: int, s: float, i: int, layout: TaylorLayout) -> tupl
 
 @inline
 def sums_by_rows(work: In, order: int, s: float, layout: TaylorLayout) -> Sequence[Out]:
-    """Return two arrays with an entry for each entry of the state: a sum of its series, and the derivative.
+    """Return two arrays with an entry for each entry of the state: the change by its series, and the derivative.
 
-    They are the sums over 0 < k <= order of x[k] s**k and of k x[k] s**(k - 1), where x[k] are the
-    coefficients.
+    They are the sums over 0 < k <= order of x[k] s**k and of k x[k] s**(k - 1), where x[k] are the coefficients. s
+    is the time since the start of the step.
     """
     totals, slopes = reals(layout.padded, room=layout.block), reals(layout.padded, room=layout.block)
     for i in each(layout.padded, **layout.loop):

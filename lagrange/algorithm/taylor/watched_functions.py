@@ -1,7 +1,7 @@
-"""Watched functions of a Taylor run (switching surfaces, event functions); arguments of the loop over steps.
+"""Event functions and switching surfaces of a Taylor run: memory of the search for zeros; arguments of the step loop.
 
-In each row of the series, the coefficients of these functions follow those of the state. The loop handles
-regular zeros. For all other zeros the driver returns, with nothing changed.
+Both kinds are called watched functions. In each row of the series, their coefficients follow those of the state. The
+loop handles regular zeros. For all other zeros the driver returns, with nothing changed.
 """
 
 from __future__ import annotations
@@ -85,7 +85,9 @@ class Watch:
 WATCH = form_of(Watch)
 
 COLUMN = MOST_COEFFICIENTS + 1
-"""Number of stored coefficients of each watched function. A linear one that starts at zero has `LEAST_COUNT`."""
+"""Number of stored coefficients of each watched function. A linear function that starts at zero has `LEAST_COUNT`
+coefficients.
+"""
 
 MOST_ZEROS = 64
 """Largest number of zeros on one step that the loop can handle."""
@@ -93,22 +95,24 @@ MOST_ZEROS = 64
 TERM_SUMS = ("rest", "rates", "end", "slope", "late")
 """Sums of the terms x[k] s**k of a watched function on a step.
 
-    rest   sum of the sizes of terms with k > 1, and `rates` that of k times their sizes
+    rest   sum of the magnitudes of terms with k > 1
+    rates  sum of k times these magnitudes
     end    sum of all terms: the value at the end of the step
-    slope  sum of k times each term: the derivative there, in units of the step
-    late   larger size of the last two terms
+    slope  sum of k times each term: the derivative at the end of the step, in units of the step
+    late   the larger magnitude of the last two terms
 """
 
 SIDES = {"signs": 1, "near_flags": 1, "starting": 1, "event_counts": 1}
-"""Parts of `sides`: the sign of each watched function before the present step, as in `roots`; 1 if it came near zero; 1
-if it starts at zero there; and the number of its events. The same parts before the unproven step follow, `kept_signs`
-and so on.
+"""Parts of the array `sides`: the sign of each watched function before the present step, as in `roots`; 1 if the
+function has been near zero since it had this sign; 1 if it starts at zero; and the number of its events. The same parts
+before the unproven step follow, named `kept_signs` and so on.
 """
 
 SETTINGS = {"directions": 1, "terminals": 1, "resets_at": 1, "reset_sizes": 1, "roots": 1, "smooth": 1}
-"""Parts of `settings`: the direction that counts; the number of events that ends the run, or 0; the index of the first
-result of the function among those of all resets; their number; 1 for a square root; 1 for an event function without
-jumps. The part `reset_entries` follows: the indices of the entries of the state that are reset.
+"""Parts of the array `settings`: the direction of zeros that count; the number of events after which the run ends, or
+0; the index of the function's first result among the results of all resets; the number of these results; 1 for a square
+root; 1 for an event function without jumps. The part `reset_entries` follows: the indices of the entries of the state
+that are reset.
 """
 
 REALS = {
@@ -122,7 +126,7 @@ REALS = {
     "end_values": 1,
     "end_noise": 1,
 }
-"""Parts of the scratch memory of reals."""
+"""Parts of the scratch memory of reals, with the number of entries for each watched function."""
 
 WHOLES = {
     "zeros": 4 * MOST_ZEROS,
@@ -136,17 +140,17 @@ WHOLES = {
     "due": 1,
     "due_directions": 1,
 }
-"""Parts of the scratch memory of whole numbers. `remaining` is the number of zeros until the motion changes. `due` has
-the indices of the functions that are zero at the end of the last step, and `due_directions` the directions of these
-zeros.
+"""Parts of the scratch memory of whole numbers, with the number of entries for each watched function. `remaining` is
+the number of zeros until the motion changes. `due` has the indices of the functions that are zero at the end of the
+last step, and `due_directions` the directions of these zeros.
 """
 
 
 def _begins(array: str, sizes: Mapping[str, int], end: str = "") -> dict[str, tuple[str, int]]:
     """Return the begin of each part of an array for one watched function: {part: (name of the array, begin)}.
 
-    `sizes` has the number of entries of each part for one function. `begin` is the sum of the sizes of all
-    parts before it. `end` is a name for the part after the last one.
+    `array` is the name of the array. `sizes` has the number of entries of each part for one function. The begin of
+    a part is the sum of the sizes of all parts before it. `end` is a name for the part after the last one.
     """
     names = (*sizes, end or f"end of {array}")
     return {name: (array, begin) for name, begin in zip(names, accumulate(sizes.values(), initial=0), strict=True)}
@@ -210,7 +214,7 @@ class Watched:
 
 
 def watched_type() -> Bundle:
-    """Return the type of a `Watched` parameter with its series."""
+    """Return the type of a procedure's parameter of class `Watched`, with the series of the functions."""
     return Bundle(Watched, {**watched_types(), "work": work_type(), "order": WHOLE})
 
 
@@ -270,7 +274,7 @@ class WatchedView:
 
     @inline
     def is_last(self, index: int, count: int) -> Any:
-        """Return True if the run ends when event function number `index` has had `count` events."""
+        """Return True if the run ends with event number `count` of event function number `index`."""
         terminal = self.terminals[index]
         return terminal > 0 and terminal <= count
 
@@ -287,7 +291,7 @@ class WatchedView:
 
 @inline
 def view_of(watched: Watched) -> WatchedView:
-    """Return views of the watched functions' arrays, one attribute for each part of an array."""
+    """Return the watched functions with each part of their arrays as an attribute."""
     return WatchedView(watched, layout_of(watched.sizes))
 
 
@@ -339,7 +343,7 @@ class Arguments:
 
 
 def arguments(layout: TaylorLayout) -> Bundle:
-    """Return the type of an `Arguments` parameter for a layout."""
+    """Return the type of a procedure's parameter of class `Arguments`, for a layout."""
     types: dict[str, Stated] = {
         "jet": JET,
         "floors": floors_type(layout),
@@ -355,7 +359,7 @@ def arguments(layout: TaylorLayout) -> Bundle:
 
 @inline
 def watched_of(arguments: Arguments) -> Any:
-    """Return the `Watched` functions with the memory and order of the series; None if nothing is watched."""
+    """Return the `Watched` functions with the memory and order of the series, or None without such functions."""
     watched, work, order = arguments.watched, arguments.work, arguments.order
     return None if watched is None else replace(watched, work=work, order=order)
 
@@ -364,7 +368,7 @@ def watched_of(arguments: Arguments) -> Any:
 def numbers_of(arguments: Arguments, layout: TaylorLayout) -> tuple[Any, Any]:
     """Return the numbers of a series for the present sides, which are the signs of the switching functions.
 
-    They are two arrays: the parameters with all values that depend only on them, and the constants of the
+    The result has two arrays: the parameters with all values that depend only on them, and the constants of the
     series.
     """
     if arguments.watched is None or layout.observes:
