@@ -1,4 +1,4 @@
-"""Protocols of a machine, a back end that loads programs and returns kernels, series and drivers; calls of its kernels.
+"""Interfaces of a machine, the back end that compiles or interprets programs: kernels, series, drivers, dense output.
 
 Compiled objects are not copied: a copy is the object itself. A pickle contains the program, compiled on first use.
 """
@@ -79,7 +79,7 @@ class Kernel(Protocol):
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return fast functions that evaluate the kernel at one state, for fixed `parameters` (k,).
 
-        None if the machine has no such functions. Raises SingularMassMatrix.
+        The result is None if the machine has no such functions. Raises SingularMassMatrix.
         """
 
 
@@ -101,7 +101,7 @@ class BoundCall(Protocol):
         """True if the code of the procedure will not be compiled again."""
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments by name. Arrays and records are not copied. None stands for no array or no function.
+        """Set arguments by name. Arrays and records are not copied. None means no array or no function.
 
         Names that the procedure does not have are ignored.
         """
@@ -136,8 +136,8 @@ class Driver(Protocol):
         """Try up to `budget` steps of a run from `state`, which is changed, and return an outcome.
 
         The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n). On return `state` is at
-        the last accepted step, and its count ROWS is the number of rows written. `rows` needs four spare doubles
-        after its last row, because machines write whole vectors.
+        the last accepted step, and its count ROWS is the number of rows written. `rows` needs four spare doubles after
+        its last row, because machines write whole vectors.
         """
 
 
@@ -196,7 +196,7 @@ class Series(Protocol):
         """The program of the series."""
 
     def form(self, order: int) -> str:
-        """Return the words of a run's summary for the way in which the series of an order is computed."""
+        """Return the words of a run's summary for the code that computes the series of an `order`."""
 
     def order(self, tolerance: float) -> int:
         """Return the order that reaches a relative tolerance at the lowest cost."""
@@ -209,7 +209,7 @@ class Series(Protocol):
 
     @property
     def values(self) -> Kernel:
-        """The kernel of the switching surfaces and event functions. It takes the same parameters as the series."""
+        """The kernel of the switching surfaces and event functions, with the parameters of the series."""
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the scaled Taylor coefficients at a state (2n,). Row k has the coefficients of order k times scale**k.
@@ -400,7 +400,7 @@ class UnpickledKernel(Shared):
 class Quick(dict[str, QuickCalls]):
     """Fast functions that evaluate the quantities of a model at one state, by name, for the default parameters.
 
-    They are created on first use. For a quantity without such functions, both functions return None.
+    The functions are created on first use. For a quantity without such functions, both functions return None.
     """
 
     def __init__(self, kernel: Callable[[str], Kernel], parameters: Callable[[], FloatArray]) -> None:
@@ -443,14 +443,18 @@ def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> 
 
 
 def nothing(*_: Any) -> None:
-    """Return None: a fast function for kernels that have none. The caller then evaluates the kernel itself."""
+    """Return None, for any arguments. Used in place of a fast function of a kernel that has none.
+
+    The caller then evaluates the kernel itself.
+    """
 
 
 def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
     """Return True if some result of a kernel may be zero at some state.
 
-    Results that depend on the state or time always may. Others are evaluated once with the parameters. If none is
-    zero, the caller need not test the results of a large batch, which takes as long as computing them.
+    Results that depend on the state or time may always be zero. Others are evaluated once with the parameters. If
+    no result can be zero, the caller need not test the results of a large batch, which takes as long as computing
+    them.
     """
     program = kernel.program
     if any(instruction.op in ("state", "time") for instruction in program.instructions):

@@ -1,4 +1,4 @@
-"""Drivers of steps on every machine, and the memory of a Taylor run with events and switching surfaces.
+"""Drivers that advance a run by steps of any method, and the memory of a Taylor run with events and surfaces.
 
 Each driver calls the compiled or printed loop over its steps.
 """
@@ -30,7 +30,9 @@ from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
 
 TAYLOR_EVENT_ROOM = 4096
-"""Least number of events that are written before the loop returns. There is always space for those of one step."""
+"""Least number of events that the memory holds before the loop returns. The memory is large enough for all events of
+one step.
+"""
 
 
 def idle(program: SeriesProgram) -> EventMemory:
@@ -320,9 +322,9 @@ WATCHED = (
 class SeriesDriver:
     """Advances a run by Taylor steps (implements `Driver`).
 
-    The parameters may change during a run. They are an array (k + s,): k parameters, then one entry for each of the s
-    switching surfaces. This entry is the sign of the surface's function, 1.0 or -1.0, or 0.0 if the motion stays on
-    the surface.
+    The parameters may change during a run. The parameters are an array (k + s,): k parameters of the model, then
+    one entry for each of the s switching surfaces. This entry is the sign of the surface's function, 1.0 or -1.0,
+    or 0.0 if the motion stays on the surface.
     """
 
     def __init__(self, machine: Machine, code: SeriesCode, order: int, parameters: FloatArray) -> None:

@@ -1,4 +1,4 @@
-"""The LLVM machine: programs are compiled to machine code. One loop takes steps and finds events on them."""
+"""The LLVM machine: programs are compiled to machine code, and one compiled loop takes steps and finds events."""
 
 from __future__ import annotations
 
@@ -100,11 +100,11 @@ class LlvmEventSteps:
         self._state: DriverState | None = None
 
     def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
-        """Take steps of a run and find the events on them. Return a number that says why the loop stopped.
+        """Take steps of a run and find the events on them. Return the code of the reason to stop.
 
-        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n); c is their capacity.
-        The number is an outcome of the driver, or says that a step is irregular or that the arrays of `memory` are
-        full.
+        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n); c is their capacity. The
+        code is an `Outcome` of the driver, `NEEDS_REVIEW` if a step is irregular, or `READ_EVENTS` if the arrays of
+        `memory` are full.
         """
         if memory is not self._memory:
             self._memory = memory
@@ -142,7 +142,7 @@ class MembersCode:
         self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
 
     def __call__(self, arguments: Mapping[str, Any]) -> None:
-        """Run members of an ensemble. `arguments` are the procedure's, by name; results are written to them."""
+        """Run members of an ensemble. Results are written to the arrays in `arguments`, the arguments by name."""
         call = self._code.bound()
         call.give(**arguments, **self._known)
         call()
@@ -155,7 +155,7 @@ def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False, b
     `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints. `by_value`
     is true if the right-hand side that steps evaluate may take a small state in registers.
     """
-    # A function of three vectors has too many numbers for registers.
+    # A right-hand side of three vectors has too many numbers for registers.
     small = by_value and fit(dimension) and LAWS[step.law].inputs <= 2
     return Layout(step, dimension, block=STORED_TOGETHER, in_registers=small, projected=projected)
 

@@ -1,4 +1,4 @@
-"""A compiled system: its equations, energy, momenta and other quantities as functions of numbers."""
+"""The model: a compiled system, with its equations, energy, momenta and other quantities as functions of numbers."""
 
 from __future__ import annotations
 
@@ -48,16 +48,19 @@ FUNCTIONS_KEPT = 64
 """Largest number of cached functions of events and expressions."""
 
 SERIES_KEPT = 16
-"""Largest number of cached series with events, beside the series without events. Each takes some 2 MB of machine code.
+"""Largest number of cached series with events, in addition to the series without events. Each takes some 2 MB of
+machine code.
 """
 
 UNSET = 1e-2
-"""A velocity of zero counts as not given if it violates its equation of first order by more than this, relative to the
-terms. Steps at loose tolerances violate it by some 1e-3.
+"""A velocity of zero counts as not given if it violates its equation of first order by more than this fraction of the
+terms. Steps at loose tolerances violate the equation by some 1e-3.
 """
 
 RATES = ("rhs", "accelerations", "jacobian", "multipliers")
-"""Quantities that follow from the velocities of coordinates of first order, which are checked for zeros."""
+"""Quantities that depend on the velocities of coordinates of first order. A state with zeros for these velocities is
+refused.
+"""
 
 NO_QUANTITY = "{given} is not a quantity of a model: they are {known}."
 
@@ -108,7 +111,7 @@ class Model:
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs: given functions u without values, and their rates such as u_dot.
 
-        They are the last parameters.
+        Inputs are the last parameters.
         """
         return tuple(symbol.name for symbol, _ in self.statement.inputs)
 
@@ -133,8 +136,8 @@ class Model:
     def law(self, name: str) -> Kernel:
         """Return the kernel of a quantity that the steps of methods evaluate, by its name, such as "rhs".
 
-        The name is one that `kernel` accepts, or one of `LAW_QUANTITIES`, such as "constrained", which steps alone
-        evaluate. Some of the latter also take the multipliers of the constraints as inputs.
+        The name is one that `kernel` accepts, or one of `LAW_QUANTITIES`, such as "constrained", which only steps
+        evaluate. Some of these also take the multipliers of the constraints as inputs.
         """
         return self._law(name) if isinstance(name, str) and name in LAW_QUANTITIES else self.kernel(name)
 
@@ -191,9 +194,8 @@ class Model:
         """Return {square root of the base: power} for the fractional powers in `nodes`. Keys and values are nodes.
 
         A Taylor series is valid up to a zero of the base, and its coefficients do not show this zero: sqrt(x**2)
-        continues as x. A root in a branch
-        that is not taken counts as 1. Powers of positions with exponents up to -1, as in gravity, are left out: there
-        the forces are infinite, and steps become short.
+        continues as x. A root in a branch that is not taken counts as 1. Powers of positions with exponents up to -1,
+        as in gravity, are left out: where their base is zero, the forces are infinite, and steps become short.
         """
         return square_roots(self.equations.graph, _nodes(nodes))
 
@@ -284,7 +286,7 @@ class Model:
     ) -> FloatArray:
         """Return the multipliers of the constraints in their order, (m,) or (m, batch).
 
-        Constraint i exerts the generalized forces lambda_i dpsi_i/dv, psi being the constraint on the velocities.
+        Constraint i exerts the generalized forces lambda_i dpsi_i/dv, where psi is the constraint on the velocities.
         Raises StatementError for a system without constraints.
         """
         if not self.statement.constraints:
@@ -415,7 +417,7 @@ class Model:
 
     @cached_property
     def _uncoupled(self) -> list[int]:
-        """Indices of the coordinates that no other coordinate is coupled to by the mass matrix.
+        """Indices of the coordinates that the mass matrix couples to no other coordinate.
 
         Their acceleration is force divided by inertia, so it is infinite or NaN if the inertia is zero.
         """
@@ -423,9 +425,9 @@ class Model:
 
     @cached_property
     def _masses(self) -> Kernel:
-        """The kernel of the inertias M[i][i] of the coordinates `_uncoupled`, which are coupled to no other.
+        """The kernel of the inertias M[i][i] of the coordinates that the mass matrix couples to no other.
 
-        It is not compiled, because a run calls it only once.
+        The kernel is not compiled, because a run calls it only once.
         """
         return PythonKernel(self.function("inertia", tuple(self.equations.mass[i][i] for i in self._uncoupled)).program)
 

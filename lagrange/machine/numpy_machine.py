@@ -1,7 +1,7 @@
 """The numpy machine: programs, Taylor series and dense output without a compiler, with Python and NumPy only.
 
-The interpreted series is the readable reference. With floats it is the series of this machine. With mpmath's numbers it
-gives reference solutions of any precision. Dense output uses the same procedures as machine code, printed as Python.
+The interpreted series is the readable reference. With floats it is the series of this machine. With numbers of mpmath
+it gives reference solutions of any precision. Dense output uses the same procedures as machine code, printed as Python.
 """
 
 from __future__ import annotations
@@ -36,12 +36,13 @@ from lagrange.program.series import SeriesProgram
 from lagrange.program.step import LAWS, StepProgram
 
 STEPS_PER_BLOCK, TIMES_PER_BLOCK = 1024, 16384
-"""Largest number of steps in a block, and of times evaluated at once: bounds on memory."""
+"""Bounds on memory: the largest number of steps in a block, and the largest number of times evaluated at once."""
 
 
 SHORT_BLOCK = 16
 """Largest number of entries of a block for which the procedure is printed for numbers, not for arrays. An operation on
-a short array takes as long as twenty operations on numbers."""
+a short array takes as long as twenty operations on numbers.
+"""
 
 NONE = np.empty(0).data
 """Placeholder for an array that is not used."""
@@ -51,7 +52,7 @@ NONE = np.empty(0).data
 class NumpyDense:
     """The dense output of the numpy machine (implements `DensePath`) for states with `dimension` entries.
 
-    `degree` is that of the polynomials. `both` is True if a polynomial also depends on a neighbouring step.
+    `degree` is the degree of the polynomials. `both` is True if a polynomial also depends on a neighbouring step.
     `size(columns)` returns the number of doubles of work memory for a block of `columns` steps. `write(columns,
     step_data, neighbours, work, out)` writes the polynomials of a block to `out`, in the layout of `POLYNOMIAL`.
     `step_data` has the steps of the block, `neighbours` a neighbour of each, and `work` is work memory.
@@ -142,8 +143,8 @@ def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
     """Return a function for printed procedures that evaluates a kernel at many states.
 
     Its arguments are the number of states, their times, coordinates and velocities (one column for each state), an
-    unused one, and the array that receives the results. Results at a singular mass matrix are NaN. The function
-    returns -1.
+    unused argument, and the array that receives the results. Results at a singular mass matrix are NaN. The
+    function returns -1.
     """
     half = kernel.program.states // 2
 
@@ -189,9 +190,9 @@ def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray)
 def _gathered(times: FloatArray, states: FloatArray, steps: Places, side: FloatArray | float = 0.0) -> FloatArray:
     """Return the steps with indices `steps` of a run as a flat block with one column for each step.
 
-    The rows are the start times, the lengths, `side`, and the states at the start and at the end. `side` says where
-    the step is relative to the step that needs it as a neighbour: -1.0 before, 1.0 after, 0.0 if it is this step
-    itself. `times` (S+1,) and `states` (S+1, 2n) are those of the run.
+    The rows are the start times, the lengths, `side`, and the states at the start and at the end. `side` is the
+    position of the step relative to the step that needs it as a neighbour: -1.0 before, 1.0 after, 0.0 if it is
+    this step itself. `times` (S+1,) and `states` (S+1, 2n) are those of the run.
     """
     count = len(steps)
     block = np.empty(block_size(states.shape[1], count))
@@ -219,10 +220,9 @@ class Jet:
     def coefficients(self, t: Any, y: Sequence[Any] | Numbers, order: int, scale: Any = 1, low: Any = None) -> Numbers:
         """Return the Taylor coefficients of all values of the program, (order + 1, values), at time t.
 
-        Row k has the derivatives divided by k! and multiplied by scale**k. The state is y + `low`, where `low` (2n,)
-        is a correction below the rounding of y, or None for zero.
-
-        Values 0 to 2n - 1 are the coordinates and the velocities. Raises SingularMassMatrix.
+        Row k has the derivatives divided by k! and multiplied by scale**k. The state is y + `low`, where `low` (2n,) is
+        a correction below the rounding of y, or None for zero. Values 0 to 2n - 1 are the coordinates and the
+        velocities. Raises SingularMassMatrix.
         """
         program = self.program
         n = program.dimension
@@ -333,7 +333,7 @@ class Eliminated:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A Taylor coefficient to compute: that of value `i` at order `k`, by a rule of the series program.
+    """A Taylor coefficient to compute: the coefficient of value `i` at order `k`, by a rule of the series program.
 
     `x` (orders, values) has all coefficients computed so far. `args` are the indices of the values that the rule
     reads, and `constants` the constants of the rule. Coefficients of order k are multiplied by `scale`**k.
@@ -376,7 +376,7 @@ def _sqrt(at: _Place) -> Any:
 def _flat(at: _Place) -> Any:
     """Return a Taylor coefficient of a square root at a zero of its argument. `at` is the coefficient to compute.
 
-    It is 0 if the argument stays zero, and NaN if the argument changes.
+    The result is 0 if the argument stays zero, and NaN if the argument changes.
     """
     return at.u[0] if at.arg(0)[-1] == 0 else at.u[0] + math.nan
 
@@ -409,7 +409,7 @@ COEFFICIENT: dict[str, Callable[[_Place], Any]] = {
     "against": _against,
     "choose": lambda at: at.arg(0 if at.constants[0] else 1)[-1],
 }
-"""The coefficient of order k of a value by its rule."""
+"""Functions that compute the coefficient of order k of a value, by the name of its rule."""
 
 
 class NumpySeries(Shared):
@@ -426,11 +426,11 @@ class NumpySeries(Shared):
         return NumpySeries, (self.program,)
 
     def form(self, order: int) -> str:
-        """Return "interpreted", the word of a run's summary for the way in which the series is computed."""
+        """Return "interpreted", which a run's summary says of the series."""
         return "interpreted"
 
     def order(self, tolerance: float) -> int:
-        """Return the order of the series for a relative tolerance. It is that of machine code."""
+        """Return the order of the series for a relative tolerance, the same order as on the LLVM machine."""
         return self._order(tolerance)
 
     @cached_property

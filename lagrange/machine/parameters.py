@@ -1,4 +1,4 @@
-"""The values of a model's parameters: from the form in which users pass them to the arrays that kernels take."""
+"""Parameter values of a model: from a user's dict or array to the arrays that kernels take."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def ordered(values: Mapping[Any, float], parameters: tuple[Any, ...]) -> FloatAr
 def some_of(parameters: Parameters, states: Any) -> Parameters:
     """Return the parameters of the states with the indices `states` in a batch.
 
-    An array (k, batch) is reduced to the columns of these states. Parameters that all states have in common are
+    Of an array (k, batch), the columns of these states are returned. Parameters that all states have in common are
     unchanged.
     """
     if isinstance(parameters, np.ndarray) and parameters.ndim == 2:

@@ -37,7 +37,7 @@ OPERATORS: Mapping[str, Operator] = {
     "real": Operator(9, "float({0})"),
     "whole": Operator(9, "int({0})"),
 }
-"""Operators of Python. All other operations are function calls; division is among them because it may raise."""
+"""Operators of Python. All other operations are function calls; division is one of these because it may raise."""
 
 RAISING: Mapping[str, Operator] = {**OPERATORS, "div": COMMON["div"]}
 """Operators of Python, with division, for callers that catch errors and for numbers that are not Python's."""
@@ -78,7 +78,7 @@ def defined(text: str, name: str, names: Mapping[str, Any]) -> Callable[..., Any
 
 
 AS_THEY_ARE = (memoryview, Span)
-"""Types of arrays whose slices share memory."""
+"""Types of arrays whose slices share the memory of the array."""
 
 
 def part_of(array: Any, start: int) -> Any:

@@ -19,7 +19,7 @@ from lagrange.algorithm.taylor.memory import OUTPUTS, TAYLOR
 __all__ = ["OUTCOMES", "DriverState", "Outcome", "Outputs"]
 
 OUTCOMES = tuple(Outcome)
-"""The outcomes by number."""
+"""The members of `Outcome`, by number."""
 
 
 class Outputs:
@@ -179,7 +179,7 @@ FloatArray = NDArray[np.float64]
 WholeArray = NDArray[np.int64]
 
 STEP_EVENT_ROOM = 2048
-"""Largest number of events, and of changes of the motion, that are written before the loop returns."""
+"""Largest number of events, and of changes of the motion, in memory. When one of them is reached, the loop returns."""
 
 
 class Reaction(NamedTuple):
@@ -215,10 +215,10 @@ class StepFunction(NamedTuple):
 class NewEvents(NamedTuple):
     """New events since the last call, and the rows after which the motion changes by a reset or a switch.
 
-    Event k is a zero of the event function with index `which[k]`, at the time `when[k]` and the state `event_states[k]`
-    (2n,). `rows` (m,) are indices of accepted states. After each of them a new smooth piece of the run begins. If the
-    step before a row was shortened, `times` (m,) and `states` (m, 2n) have the end of the full step; for other steps
-    the time is NaN.
+    Event k is a zero of the event function with index `which[k]`, at the time `when[k]` and the state
+    `event_states[k]` (2n,). `rows` (m,) are indices of accepted states. After each of these states a new smooth
+    piece of the run begins. If the step before a row was shortened, `times` (m,) and `states` (m, 2n) have the end
+    of the full step; for other steps the time is NaN.
     """
 
     which: WholeArray
@@ -304,9 +304,8 @@ class StepEventMemory:
 
 
 EventSteps = Callable[[DriverState, StepEventMemory, FloatArray, FloatArray], int]
-"""A function that takes steps of a run and finds the events on them. It returns a number that says why it stopped.
-
+"""Type of a function that takes steps of a run and finds the events on them. It returns the code of the reason to stop.
 Arguments: the state of the run, the memory of events, and the arrays for the times (c,) and states (c, 2n) of accepted
-steps. The number is an `Outcome`, or a code of `event_steps`: `NEEDS_REVIEW` (a step is irregular) or `READ_EVENTS`
-(the arrays of the memory are full).
+steps. The code is an `Outcome`, or a code of `event_steps`: `NEEDS_REVIEW` (a step is irregular) or `READ_EVENTS` (the
+arrays of the memory are full).
 """

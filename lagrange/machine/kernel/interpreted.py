@@ -1,8 +1,8 @@
-"""Evaluation of a program instruction by instruction, the reference of all kernels; and bounds of its rounding noise.
+"""Interpreter of programs, the reference of all kernels, and bounds of the rounding errors of a program's results.
 
 The numbers may be of any type. Two types are doubles, and doubles with a bound of their rounding error, the noise. The
-error of a result is its own rounding plus its change when its arguments change by their errors. A linear system carries
-the noise of its right-hand side through the inverse of its matrix. Source: N. J. Higham, Accuracy and Stability of
+error of a result is its own rounding plus its change when its arguments change by their errors. In a linear system the
+noise of the right-hand side is multiplied by the inverse of the matrix. Source: N. J. Higham, Accuracy and Stability of
 Numerical Algorithms, 2nd ed., 2002, 3.3 and 7.2.
 """
 
@@ -33,15 +33,15 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     **DOUBLE_FUNCTIONS,
     "select": np.where,
 }
-"""The function of each operation, on numbers or on arrays with one number per column."""
+"""The function of each operation, on numbers or on arrays with one number for each state."""
 
 
 @dataclass(frozen=True)
 class Arithmetic:
     """A number type: its function for each operation of a program, and its conversion from a double.
 
-    `systems` maps "factor" and "solve" to the functions for linear systems, if the number type supports them. They
-    take the size of the matrix and the operands.
+    `systems` maps "factor" and "solve" to the functions for linear systems, if the number type supports them. These
+    functions take the size of the matrix and the operands.
     """
 
     operations: Mapping[str, Callable[..., Any]]
@@ -177,14 +177,14 @@ UNIT = 2.0**-53
 """Unit of round-off of doubles, 2**-53."""
 
 NO_PIVOT = 1e-12
-"""Smallest pivot, relative to the terms that it is a sum of, that needs no row exchange."""
+"""Smallest pivot, relative to the terms whose sum it is, that needs no row exchange."""
 
 EXACT_OPERATIONS = frozenset(("neg", "abs", "min", "max", "select"))
 """Operations that do not round."""
 
 JUMPING = frozenset(("sign", "less", "less_equal", "equal", "and", "or", "not"))
-"""Operations whose noise is set to zero, because their values jump. A jump of a force is not rounding, even for a state
-on its surface.
+"""Operations whose noise is set to zero, because their values jump. A jump of a force is not rounding, even if the
+state is on the surface of the jump.
 """
 
 
@@ -285,13 +285,13 @@ _NOISY = Arithmetic(
     object,
     {"factor": _noisy_factor, "solve": _noisy_solve},
 )
-"""Arithmetic table for numbers with noise."""
+"""Arithmetic of numbers with a bound of their rounding error."""
 
 
 def rounding_noise(program: Program, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return a bound of the rounding error of each output of a program at a state y (2n,).
 
-    It is NaN if a matrix in the program is singular.
+    The bound is NaN if a matrix in the program is singular.
     """
     state = [Noisy(value, abs(value) * UNIT) for value in y]
     try:

@@ -1,4 +1,4 @@
-"""Calls of a kernel with Python objects as arguments: machine code reads time and arrays, and checks them itself.
+"""Fast calls of a kernel from Python: machine code reads the time and the arrays itself, and checks them.
 
 A call through ctypes takes some 0.5 us, and checking its arguments in Python as much again; the kernel of a small
 system takes a tenth of that. Here Python gets a built-in function in machine code, as extension modules define them: an
@@ -45,8 +45,8 @@ FIELDS = (
     *("kernel", "prepared", "size", "results", "empty", "shape", "none", "array", "doubles", "float", "numpy_float"),
     *("call", "release", "retain"),
 )
-"""The record of a function, an address or count for each field: the kernel, the objects that it needs, and the
-functions of Python's interface that it calls.
+"""Fields of the record that a function in machine code reads: the kernel, the objects that it needs, and the functions
+of Python's interface that it calls. Each field is an address or a count.
 """
 
 NUMBERS = ("size", "results")
@@ -145,7 +145,9 @@ define i32 @probe(double %t, ptr %y, ptr %p, ptr %out) {
   ret i32 0
 }
 """
-"""Kernel for a trial call: it returns the time, and the last entry of a state of four less the first."""
+"""Kernel for a trial call. Its results are the time, and the difference of the last and the first entry of a state of
+four.
+"""
 
 MOST_STATE = 4096
 """Largest number of inputs for which a call joins q and v on the stack."""

@@ -1,7 +1,7 @@
-"""A program in machine code, called through ctypes. The kernel for many states is compiled at its first call.
+"""Kernels in machine code: a program is compiled by LLVM and called through ctypes, for one state or for many states.
 
-Parameters are one array: the k stated values, followed by all values that depend only on them. `prepare` computes the
-latter once for each set of parameters.
+The kernel for many states is compiled at its first call. Parameters are one array: the k stated values, followed by all
+values that depend only on them. `prepare` computes these values once for each set of parameters.
 
     i32 NAME_prepare(ptr parameters)                       writes the values after the parameters
     i32 NAME(double t, ptr y, ptr parameters, ptr out)     1 if a matrix is singular, else 0
@@ -55,12 +55,12 @@ MOST_IN_REGISTERS = 8
 
 SCALAR = Style(largest=LARGEST_IN_LINE, substituted=1_000_000, systems=32, entries=32, side_by_side=True, early=False)
 """Treatment of linear systems for one state. Systems that are written out share one test of pivots, at which all their
-entries are live. Systems in memory need four vectors of eight reals for each row.
+entries are in use. Systems in memory need four vectors of eight reals for each row.
 """
 
 LANES = Style(substituted=4_000, systems=1, pivoting=False)
-"""Treatment of linear systems with one column in each lane. Matrices of up to 20 unknowns are eliminated in lanes. A
-column that needs pivoting is evaluated again alone.
+"""Treatment of linear systems with one state in each lane. Matrices of up to 20 unknowns are eliminated in lanes. A
+state that needs pivoting is evaluated again alone.
 """
 
 
@@ -213,8 +213,8 @@ class KernelCode:
 def _spliced(e: Emitter, procedure: Procedure, lanes: int, arguments: Sequence[str]) -> list[str]:
     """Print the statements of a procedure into another function, and return its results as vectors.
 
-    The procedure computes `lanes` states at once, and `arguments` are the operands of its parameters. It must have a
-    single return, at its end.
+    The procedure computes `lanes` states at once, and `arguments` are the operands of its parameters. The procedure
+    must have a single return, at its end.
     """
     printer = Printer(procedure, e=e, angles=number_of_angles(procedure.body))
     for parameter, argument in zip(procedure.parameters, arguments, strict=True):
@@ -232,7 +232,7 @@ def _spliced(e: Emitter, procedure: Procedure, lanes: int, arguments: Sequence[s
 def _leave_if(e: Emitter, status: str, column: str) -> None:
     """Emit an early return from the kernel for many states, taken if `status` reports a singular matrix.
 
-    The kernel then returns `column`. Both are operands.
+    The kernel then returns `column`. `status` and `column` are operands.
     """
     with e.when(e.value(f"icmp ne i32 {status}, 0")):
         e.do(f"ret i64 {column}")
@@ -248,8 +248,8 @@ def _row(e: Emitter, row: int | str, column: str) -> str:
 
 
 SHORT_PROGRAM = 4096
-"""Largest number of instructions of a program that keeps the interpreter lock for one state: releasing the lock takes
-as long as the call.
+"""Largest number of instructions of a program that keeps the interpreter lock for one state. For a shorter program,
+releasing the lock would take as long as the call.
 """
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
@@ -411,8 +411,8 @@ class LlvmKernel(Shared):
     def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
         """The compiled module of the kernel for many states, and the function in it that ctypes calls.
 
-        Both are stored as one value. So a thread always gets a module and a function that belong together, even if
-        two threads compile at the same time.
+        Module and function are stored as one value. So a thread always gets a module and a function that belong
+        together, even if two threads compile at the same time.
         """
         module = Module(self._code.column_module(self._lanes))
         pointers = [ctypes.c_void_p] * (3 + len(self.program.inputs))

@@ -38,8 +38,8 @@ FEW_STATES = 16
 """Below this number of states, calls of a function for one state are faster than one call for all."""
 
 PASSING_ROWS = 3
-"""Number of rows of inputs and results that are in the cache beside the working rows: an operation reads two and writes
-one.
+"""Number of rows of inputs and results that are in the cache in addition to the working rows. An operation reads two
+rows and writes one.
 """
 
 FUNCTIONS: dict[str, Any] = {
@@ -52,7 +52,7 @@ FUNCTIONS: dict[str, Any] = {
     "nan": math.nan,
     "inf": math.inf,
 }
-"""The functions that printed operations call. Those of `math` raise if the result is not finite."""
+"""Functions that printed operations call. The functions of `math` raise an error if the result is not finite."""
 
 NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
 """Exceptions that Python raises if an operation has no finite value."""
@@ -61,7 +61,7 @@ NO_NUMBERS = (*NO_VALUE, TypeError)
 """`NO_VALUE`, and the exception for a matrix row where a number is expected."""
 
 CHECKS: dict[str, Any] = {"ndarray": np.ndarray, "double": DOUBLE, "isfinite": math.isfinite, "NO_VALUE": NO_NUMBERS}
-"""Names for the checks of one state and for creating an array of its results."""
+"""Names that a printed function needs to check one state and to create an array of its results."""
 
 
 @lru_cache(maxsize=1)

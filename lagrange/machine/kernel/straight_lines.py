@@ -1,10 +1,10 @@
 """Print a program as Python without loops: on floats for one state, on NumPy rows for blocks of many states.
 
 The text has an outer and an inner function, printed from procedures of `algorithm.kernel`, which LLVM also compiles.
-The outer one takes the parameters and computes all values that depend only on them. It contains the inner one, which
-evaluates the program at a state. Names are generated here and literals are exact, so no text of a user is run. The
-source handles regular states only: if Python raises, or a pivot cannot be trusted, the caller evaluates the program
-in another way.
+The outer function takes the parameters and computes all values that depend only on them. It contains the inner
+function, which evaluates the program at a state. Names are generated here and literals are exact, so no text of a user
+is run. The source handles regular states only: if Python raises, or a pivot cannot be trusted, the caller evaluates the
+program in another way.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ STYLE = Style(largest=LARGEST_IN_PYTHON, substituted=1_000_000, systems=1, pivot
 """Style for straight lines: all systems are written out. The interpreter solves systems that need pivoting."""
 
 MOST_ADDED = 12
-"""Largest number of results that are added one by one to test them: then this is faster than a sum over a tuple."""
+"""Largest number of results that are added one by one to test whether they are finite. For more results a sum over a
+tuple is faster.
+"""
 
 UFUNCS: Mapping[str, str] = {
     **{op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)},
@@ -75,8 +77,8 @@ class StraightLines:
 
         `arrays` maps the names of these arrays to their lengths. The inner function returns a new array with finite
         entries. It returns None in four cases: t is not a float; an argument is not a plain array of doubles of its
-        length; a result is not finite; Python raises. It is a single function, because a call of another function
-        takes as long as three operations.
+        length; a result is not finite; Python raises. All is printed as a single function, because a call of another
+        function takes as long as three operations.
         """
         return _Checked(self.inner, arrays).source(self)
 

@@ -1,4 +1,4 @@
-"""Write LLVM IR as text: fresh names, typed operations, loops and branches."""
+"""Text of LLVM IR: fresh names, typed operations, loops and branches, without knowledge of procedures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def literal(value: float) -> str:
 
 @dataclass
 class LoopValues:
-    """A loop that is being printed: its index, the values carried between iterations, and their next values."""
+    """A loop that is being printed: its index, its loop-carried values, and their values for the next iteration."""
 
     index: str
     values: list[str]
@@ -23,15 +23,17 @@ class LoopValues:
 
 
 MOST_ACCESSES = 256
-"""Largest number of loads and stores in one basic block; the next instruction begins another block.
-
-LLVM compares them pairwise: 2,900 stores in one block took 13 s to compile, and 1.2 s in blocks of 256. No scene has
-that many in one block.
+"""Largest number of loads and stores in one basic block; the next instruction begins another block. LLVM compares them
+pairwise: 2,900 stores in one block took 13 s to compile, and 1.2 s in blocks of 256. The blocks of all scenes are
+smaller.
 """
 
 
 class Emitter:
-    """Collects the body of one LLVM function. Names are numbered, so that the same calls produce the same text."""
+    """Collects the body of one LLVM function as text, with numbered names.
+
+    The same calls therefore produce the same text.
+    """
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -57,7 +59,8 @@ class Emitter:
     def cut(self) -> None:
         """Begin another basic block (instructions without a branch), because LLVM compiles long blocks slowly.
 
-        The branch to it depends on a value that LLVM cannot know, since LLVM would join the two blocks otherwise.
+        The branch to the new block depends on a value that LLVM cannot know, since LLVM would otherwise join the two
+        blocks.
         """
         if not self.zero:
             self.zero = self.reserve("i8")
@@ -131,7 +134,7 @@ class Emitter:
 
     @contextmanager
     def loop(self, start: str | int, stop: str | int, step: int = 1) -> Iterator[str]:
-        """Emit a loop around what the `with` block emits. Yields the name of the index.
+        """Emit a loop around the instructions of the `with` block. Yields the name of the index.
 
         The index runs from `start` by `step` while it is below `stop`.
         """
@@ -142,12 +145,11 @@ class Emitter:
     def carry(
         self, start: str | int, stop: str | int, carried: Sequence[tuple[str, str]], step: int = 1
     ) -> Iterator[LoopValues]:
-        """Emit a loop around what the `with` block emits, with values carried from one iteration to the next.
+        """Emit a loop around the instructions of the `with` block, with values carried from one iteration to the next.
 
-        The index runs from `start` by `step` while it is below `stop`. `carried` has the type and the initial value
-        of each carried value. Yields an object with two lists. The `with` block reads the carried values from
-        `values`, and must set `following`, their values for the next iteration. After the loop, `values` has the last
-        values.
+        The index runs from `start` by `step` while it is below `stop`. `carried` has the type and the initial value of
+        each carried value. Yields an object with two lists. The `with` block reads the carried values from `values`,
+        and must set `following`, their values for the next iteration. After the loop, `values` has the last values.
         """
         name = self.fresh("loop")
         before = self.block
@@ -171,7 +173,7 @@ class Emitter:
 
     @contextmanager
     def when(self, condition: str) -> Iterator[None]:
-        """Emit a branch: what the `with` block emits runs only if the condition holds."""
+        """Emit a branch: the instructions of the `with` block run only if the condition holds."""
         name = self.fresh("if")
         self.do(f"br i1 {condition}, label %{name}.then, label %{name}.end")
         self.label(f"{name}.then")

@@ -1,4 +1,4 @@
-"""Compile IR with LLVM, optimized only after many steps; cache the machine code in memory, load it, and call it.
+"""Compile LLVM IR to machine code, load it, and call it; a cache in memory; optimization only after many steps.
 
 Code may be tiered: compiled quickly at first, and with optimization after many steps. Both versions do the same
 operations in the same order, so that results agree to the last bit. LLVM reassociates or contracts operations only with
@@ -38,8 +38,8 @@ from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure, transitive_cal
 from lagrange.statement.run_settings import check_time
 
 CACHE_BYTES = 32_000_000
-"""Largest size of the cache in bytes. The least recently used code is dropped first. A right-hand side takes some 5 kB,
-a loop over steps of an implicit method 50 kB.
+"""Largest size of the cache of compiled code, in bytes. The least recently used code is dropped first. A right-hand
+side takes some 5 kB, a loop over steps of an implicit method 50 kB.
 """
 
 
@@ -63,7 +63,7 @@ class ObjectCode:
     def of(self, text: str, how: str, compiled: Callable[[], bytes]) -> bytes:
         """Return the object code of an IR text from the cache. If it is missing, call `compiled` for it.
 
-        `how` names the compile options. It is part of the key of the cache.
+        `how` names the compile options, which are part of the key of the cache.
         """
         key = hashlib.sha256(f"{how}\n{text}".encode()).digest()
         with self._lock:
@@ -89,10 +89,9 @@ _ENGINES: WeakValueDictionary[bytes, _Engine] = WeakValueDictionary()
 COMPILED = ObjectCode()
 
 LARGE_MODULE = 1_000_000
-"""Characters of IR above which code is compiled without optimization: some 12,000 operations.
-
-The Jacobian of a chain of 30 links (23,000 operations) then compiles in 1.2 s instead of 5.3 s, and runs 1.3 times as
-long (73 us). No right-hand side of a scene is that large.
+"""Number of characters of IR, some 12,000 operations, above which code is compiled without optimization. The Jacobian
+of a chain of 30 links (23,000 operations) then compiles in 1.2 s instead of 5.3 s, and runs 1.3 times as long (73 us).
+No right-hand side of a scene is that large.
 """
 
 
@@ -116,8 +115,8 @@ class Module(Shared):
         """Compile the functions of an IR text and load them.
 
         With `optimize` LLVM's passes run, except those that transform loops. With `merge` only the procedures marked
-        for inlining are inlined, and their local arrays are kept in registers. With `quickly` code generation does
-        not optimize, for code that runs rarely. It does not optimize a large text either, unless the code runs
+        for inlining are inlined, and their local arrays are kept in registers. With `quickly` code generation does not
+        optimize, for code that runs rarely. Code generation does not optimize a large text either, unless the code runs
         `often`.
         """
         start()
@@ -164,8 +163,8 @@ def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None)
 class _Engine:
     """The owner of an LLVM engine, the object that loads code and owns its memory.
 
-    A weak reference to the owner expires before LLVM frees the engine. With a weak reference to the engine itself,
-    other threads could still get it while LLVM frees it.
+    A weak reference to this owner expires before LLVM frees the engine. With a weak reference to the engine itself,
+    other threads could still get the engine while LLVM frees it.
     """
 
     def __init__(self, engine: Any) -> None:
@@ -234,7 +233,7 @@ def _linear_solver(often: bool) -> Module:
 def calling_solver(procedure: Procedure) -> Module:
     """Return the compiled module of a procedure that calls the solver of linear systems.
 
-    It is compiled once per process, and its name is known to modules compiled later.
+    The module is compiled once per process, and modules compiled later find the procedure by its name.
     """
     linear_solver(often=False)
     with _LOADING:
@@ -261,14 +260,15 @@ def _target_machine(effort: int = 2) -> Any:
 
 STEPS_BEFORE_OPTIMIZING = 5000
 """Number of steps after which code is compiled with optimization. The series of a double pendulum compiles in 59 ms
-with optimization and 19 ms without; a loop over Runge-Kutta steps in 77 and 18 ms. Steps without it take 1.1 to 1.5
-times as long, and up to 2.6 times with Newton's method or ten coordinates. So 5,000 of them lose 1 to 40 ms.
+with optimization and 19 ms without; a loop over Runge-Kutta steps in 77 and 18 ms. Steps without optimization take 1.1
+to 1.5 times as long, and up to 2.6 times with Newton's method or ten coordinates. So 5,000 of them lose 1 to 40 ms.
 """
 
 STEPS_BEFORE_LATE_OPTIMIZING = 200_000
-"""`STEPS_BEFORE_OPTIMIZING` for large code. Members of a double pendulum in lanes compile in 1 to 4 s with optimization
-and 0.1 to 0.9 s without; their steps take up to three times as long without it. For the loop over steps with events it
-is 0.7 and 0.2 s, and 1.1 to 1.6 times as long. So 200,000 steps lose 0.02 to 0.2 s.
+"""Number of steps after which large code is compiled with optimization. Members of a double pendulum in lanes compile
+in 1 to 4 s with optimization and 0.1 to 0.9 s without; their steps take up to three times as long without optimization.
+The loop over steps with events compiles in 0.7 and 0.2 s, and its steps take 1.1 to 1.6 times as long. So 200,000 steps
+lose 0.02 to 0.2 s.
 """
 
 
@@ -302,7 +302,7 @@ class TieredModule(Shared):
     def count(self, steps: int) -> bool:
         """Count `steps` more steps of a run, and return True if the code is optimized; then addresses have changed.
 
-        While another thread compiles, this thread continues with the quick version.
+        While another thread compiles the optimized version, this thread continues with the quick version.
         """
         self._left -= steps
         if self._left <= 0 and self._lock.acquire(blocking=False):
@@ -466,7 +466,7 @@ def _steps(procedure: Procedure) -> str:
     """Return the IR of the function `steps`, of the type `TAKE_STEPS`, by which another compiled loop takes steps.
 
     Its first argument is the address of the words that hold the arguments of `run`. Its next three arguments are
-    arrays whose addresses are also among the words. They tell LLVM, in the caller, that the steps change these
+    arrays whose addresses are also among the words. They show LLVM, in the caller, that the steps change these
     arrays.
     """
     e = Emitter()
@@ -483,7 +483,7 @@ def _steps(procedure: Procedure) -> str:
 def _run(procedure: Procedure) -> str:
     """Return the IR of the function `run`, which reads a procedure's arguments from 8-byte words.
 
-    It writes the results into the words after them. A flag is stored as an integer.
+    It writes the results into the words after the arguments. A flag is stored as an integer.
     """
     e = Emitter()
     arguments = []

@@ -1,4 +1,4 @@
-"""LLVM's spelling of the operations of procedures, on numbers and vectors; vector registers of this processor."""
+"""Operations of procedures in LLVM IR, on numbers and vectors; vector registers and libraries of this processor."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _CONVERTED = {("real", WHOLE): "sitofp", ("real", FLAG): "uitofp", ("whole", REA
 def type_of(kind: Kind, lanes: int = 1) -> str:
     """Return LLVM's type of values of a kind: a real, a whole number or a flag.
 
-    For `lanes` above 1 it is the type of a vector of that many values.
+    For `lanes` above 1 the result is the type of a vector with `lanes` values.
     """
     return KINDS[kind] if lanes == 1 else f"<{lanes} x {KINDS[kind]}>"
 
@@ -145,7 +145,7 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
 def _sign(e: Emitter, typed: str, lanes: int) -> str:
     """Emit the sign of a number, and return its operand: 1 or -1, or the number itself if it is zero or NaN.
 
-    The operand `typed` has its LLVM type before it. It is a number, or a vector of `lanes` numbers.
+    The operand `typed` has its LLVM type before it. The operand is a number, or a vector of `lanes` numbers.
     """
     real, flag = type_of(REAL, lanes), type_of(FLAG, lanes)
     zero, one, minus = (splat(e, literal(value), REAL, lanes) for value in (0.0, 1.0, -1.0))
@@ -223,7 +223,7 @@ def convention(results: Sequence[Type]) -> str:
 def together(types: Sequence[str]) -> str:
     """Return one LLVM type for several results of a function: a structure of `types`.
 
-    It is the type itself for one result, and void for none.
+    For one result it is the type of the result, and for none it is void.
     """
     return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
 
@@ -247,14 +247,17 @@ def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
 
 
 def phi(e: Emitter, kind: str, ways: Sequence[tuple[str, str]]) -> str:
-    """Emit a phi, and return its operand. `ways` are pairs of the incoming block and the value."""
+    """Emit a phi, the choice of a value by the preceding block, and return its operand.
+
+    `ways` are pairs of a preceding block and the value that comes from it.
+    """
     if all(value == ways[0][1] for _, value in ways):
         return ways[0][1]
     return e.value(f"phi {kind} {', '.join(f'[ {value}, %{block} ]' for block, value in ways)}")
 
 
 def argument_type(kind: Type) -> str:
-    """Return LLVM's type of an argument: that of a number or vector, or a pointer for an array or record."""
+    """Return LLVM's type of an argument: the type of a number or vector, or a pointer for an array or record."""
     if isinstance(kind, Vector):
         return type_of(*kind)
     return KINDS[kind] if isinstance(kind, Kind) else "ptr"
@@ -291,7 +294,7 @@ def processor() -> str:
 def vector_routines() -> dict[str, str]:
     """Return {operation: name of its vector routine in glibc (libmvec)} for the vector width of this processor.
 
-    It is empty if the library is missing.
+    The result is empty if the library is missing.
     """
     start()
     try:

@@ -1,8 +1,8 @@
-"""Print a procedure as LLVM IR.
+"""Print a procedure as LLVM IR: statements, calls, branches, loops, and loops whose iterations run in vector lanes.
 
 Variables become SSA values: each block of a procedure lists the variables that it sets, so phis are placed where
 branches join. An `each` computes several iterations at once if its arrays have room for whole vectors. Values that
-differ between iterations are vectors there; other values are broadcast where they meet vectors.
+differ between iterations are vectors; other values are broadcast where they are combined with vectors.
 """
 
 from __future__ import annotations
@@ -62,30 +62,31 @@ LARGEST_ON_STACK = 50_000
 """Largest number of entries of a local array on the stack (400 kB). Larger arrays are on the heap."""
 
 FEW_RESULTS, MOST_TOGETHER = 16, 4
-"""Functions called from outside with up to 16 results store up to 4 of them at once. A step loads them four at a time.
-A processor forwards stored values to a load only if a single store covers the load. Otherwise a small step would take
-twice as long.
+"""Limits for storing results together. Functions called from outside with up to `FEW_RESULTS` results store up to
+`MOST_TOGETHER` of them at once. A step loads them four at a time. A processor forwards stored values to a load only if
+a single store covers the load. Otherwise a small step would take twice as long.
 """
 
 LIKELY = {True: ", !prof !0", False: ", !prof !1", None: ""}
 METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}\n!1 = !{!"branch_weights", i32 1, i32 2000}\n'
-"""Branch weights for LLVM; a module ends with them."""
+"""Branch weights for LLVM, at the end of a module."""
 
 ATTRIBUTES = (
     'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" "stackrealign" }\n'
     "attributes #1 = { nounwind }\n"
     "attributes #2 = { nounwind noinline optnone }\n"
 )
-"""Attributes of functions. #0 prefers vectors of eight reals, one register on processors with AVX-512. For other
-procedures LLVM chooses the width: with #0 it would copy blocks of four in pairs, which wait for stores of single
-numbers. Spills are aligned to cache lines. Code that runs once per set of parameters is compiled without optimization.
+"""Attributes of functions. #0 prefers vectors of eight reals, one register on processors with AVX-512. For functions
+with #1, LLVM chooses the width: with #0 it would copy blocks of four in pairs, which wait for stores of single numbers.
+Spills are aligned to cache lines. #2 is for code that runs once per set of parameters: it is compiled without
+optimization.
 """
 
 
 def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = ()) -> str:
     """Return the IR of `procedures` and of all procedures that they call.
 
-    Those in `elsewhere` are declared, but not defined: other modules have their code.
+    Procedures in `elsewhere` are declared, but not defined: other modules have their code.
     """
     reached = form.transitive_callees(procedures, elsewhere)
     functions = [function(each, hidden=each not in procedures) for each in reached]
@@ -122,9 +123,9 @@ def function(
 ) -> str:
     """Return the IR of one procedure.
 
-    A `hidden` procedure is local to its module, so LLVM may inline it into all callers. A `merged` one is always
-    inlined. A procedure that runs rarely is compiled `quickly`, without optimization. Procedures in `outside` have
-    the calling convention of functions that other code calls.
+    A `hidden` procedure is local to its module, so LLVM may inline it into all callers. A `merged` procedure is
+    always inlined. A procedure that runs rarely is compiled `quickly`, without optimization. Procedures in
+    `outside` have the calling convention of functions that other code calls.
     """
     printer = Printer(procedure, outside=outside)
     return printer.function("internal " if hidden else "", "alwaysinline " if merged else "", quickly=quickly)
@@ -217,7 +218,7 @@ class Printer(Visitor):
     def lanes(self, ref: int) -> int:
         """Return the number of entries of the value or variable with the id `ref`.
 
-        It is the number of iterations that are printed as one vector, or 1 for a single number.
+        The result is the number of iterations that are printed as one vector, or 1 for a single number.
         """
         return self.current.lanes if self.current is not None and ref in self.wide else 1
 
@@ -274,8 +275,7 @@ class Printer(Visitor):
     def passes(self, statement: form.Statement) -> bool:
         """Return True if a statement may be printed before the stores that are delayed, which are to one array.
 
-        This is so if the statement does not access the array. It is also so for a store to the array's next entry,
-        which is delayed too.
+        The statement must not access the array, or it must be a store to the array's next entry, which is delayed too.
         """
         match statement:
             case form.Let() | form.SineCosine():
@@ -538,8 +538,8 @@ class Printer(Visitor):
         """Print a loop. The `with` block prints the condition, after which the method prints the body.
 
         Yields the loop's name NAME. The condition must end with a branch to the label NAME.body or NAME.end. `inside`
-        has all statements of the loop, condition included. `body` are those of the body, None if they are the same.
-        `index` is the id of a counter that begins at `start` and grows by `step`, None without a counter.
+        has all statements of the loop, condition included. `body` are the statements of the body, None if they are the
+        same. `index` is the id of a counter that begins at `start` and grows by `step`, None without a counter.
         """
         e, name = self.e, self.e.fresh("loop")
         variables = dict.fromkeys(s.variable for s in form.walk(inside) if isinstance(s, form.Set))

@@ -1,15 +1,15 @@
-"""Sine and cosine together, written out for one number or a vector.
+"""Sine and cosine in LLVM IR, both at once, written out for one number or a vector.
 
-The C library's sine takes about as long as the rest of a small right-hand side, and its vector version (libmvec) is
-good to 4 units in the last place. This one is good to 1.1 units, gives each lane of a vector the same bits as a
-number alone, and overlaps with the arithmetic around it. Beyond |x| = 2**20, and for NaN and infinity, it calls the
-C library.
+The C library's sine takes about as long as the rest of a small right-hand side, and its vector version (libmvec) has
+errors of up to 4 units in the last place. This code has errors of up to 1.1 units, gives each lane of a vector the same
+bits as a number alone, and overlaps with the arithmetic around it. Beyond |x| = 2**20, and for NaN and infinity, it
+calls the C library.
 
 With n the integer nearest to x / (pi/2), r = x - n pi/2 is computed to twice the precision from pi/2 in three parts of
 53, 33 and 53 bits. The first multiply-add is exact, since n < 2**20 times the first part is a multiple of 2**-52, as x
 is. The second is exact for small r. Otherwise its rounding error is kept separately, together with the third part.
-Polynomials on [-pi/4, pi/4] and the quadrant give the result.
-Source of the polynomials: FreeBSD msun k_sin.c and k_cos.c (Sun Microsystems, 1993).
+Polynomials on [-pi/4, pi/4] and the quadrant give the result. Source of the polynomials: FreeBSD msun k_sin.c and
+k_cos.c (Sun Microsystems, 1993).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ HALF_PI = 1.5707963267948966
 HALF_PI_SECOND = 6.12323399538461e-17
 HALF_PI_THIRD = 3.5215598651832e-27
 ROUNDER = 1.5 * 2.0**52
-"""Adding this number rounds to an integer, which is then in the low bits of the sum."""
+"""Number whose addition rounds to an integer, which is then in the low bits of the sum."""
 
 SINE = (
     -1.66666666666666324348e-01,
@@ -137,11 +137,12 @@ def _near(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 
 def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers: str, lanes: int) -> tuple[str, str]:
-    """Emit the sine and cosine of an angle from those of its remainder, and return both operands.
+    """Emit the sine and cosine of an angle from the sine and cosine of its remainder, and return both operands.
 
     The remainder is the angle less n pi/2, where n is the number of the quadrant. `sine` and `cosine` are those of
-    the remainder. They are exchanged in odd quadrants, and the quadrant gives their signs. n is in the low bits of
-    `rounded`. `kind` is the LLVM type of the operands, and `integers` that of as many integers.
+    the remainder. Sine and cosine are exchanged in odd quadrants, and the quadrant gives their signs. n is in the
+    low bits of `rounded`. `kind` is the LLVM type of the operands, and `integers` the type of the same number of
+    integers.
     """
 
     def whole(value: int) -> str:

@@ -1,4 +1,7 @@
-"""Vectors of LLVM: iterations of an `each` loop, as many at once as fit into a vector, and statements on vectors."""
+"""Loops whose iterations run in LLVM's vector lanes, and statements on vectors.
+
+An `each` loop takes as many iterations at once as fit into a vector.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ if TYPE_CHECKING:
     from lagrange.machine.llvm.procedures import Printer
 
 UNROLLED_VECTORS = 2
-"""Largest number of vectors for which the iterations are written out."""
+"""Largest number of vectors of iterations for which a loop is written out."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +115,8 @@ class Lanes:
     def mask(self, index: str, count: str) -> str:
         """Return the operand of a mask for one vector of iterations, which begins at the operand `index`.
 
-        The mask is true for iterations below `count`. It is empty, for no mask, if all iterations of the vector
-        exist, or if the extra ones do no harm.
+        The mask is true for iterations below `count`. The operand is empty, for no mask, if all iterations of the
+        vector exist, or if the extra ones do no harm.
         """
         stores = not self.each.spill and any(
             isinstance(statement, form.Store) for statement in accesses(self.each.body)
@@ -134,7 +137,7 @@ class Lanes:
         return self.e.value(f"add nsw {kind} {splat(self.e, offset, WHOLE, self.lanes)}, {steps}")
 
     def take(self, offset: str, mask: str) -> None:
-        """Print one vector of iterations, which begins at iteration `offset`. `mask` is true for those that exist."""
+        """Print one vector of iterations from iteration `offset` on. `mask` is true for iterations that exist."""
         printer = self.printer
         printer.current = IterationBlock(self.each, self.lanes, offset, mask, self.places(offset))
         printer.define(self.each.place, offset, WHOLE, wide=self.lanes > 1)
@@ -177,7 +180,7 @@ class Lanes:
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
     """Print the combination of a partial result `total` with one more value, and return the operand of the result.
 
-    `op` is the operation of the reduction, such as add. With `lanes` above 1 both are vectors.
+    `op` is the operation of the reduction, such as add. With `lanes` above 1 both operands are vectors.
     """
     if op != "most":
         return spell(e, op, (REAL, REAL), [total, value], lanes)
@@ -198,7 +201,7 @@ def number_of_angles(block: Block) -> int:
 
 
 def widest(block: Block) -> int:
-    """Return the largest vector width in a block, at least 1: that of a vector, or of an `each` loop."""
+    """Return the largest vector width in a block, at least 1: the width of a vector, or of an `each` loop."""
     vectors = (
         statement.vector.width
         for statement in walk(block)
@@ -261,10 +264,10 @@ def _permuted(printer: Printer, let: form.VectorLet) -> str:
 
 
 def _moved(e: Emitter, kind: Kind, vector: str, count: int, sources: Mapping[int, int], width: int) -> str:
-    """Emit a vector of `width` entries, taken from those of `vector`, and return its operand.
+    """Emit a vector of `width` entries, taken from the entries of `vector`, and return its operand.
 
-    `sources` maps an index in the new vector to an index in `vector`, which has `count` entries of the given `kind`.
-    Entries of the new vector without a source are undefined.
+    `sources` maps an index in the new vector to an index in `vector`, which has `count` entries of the given
+    `kind`. Entries of the new vector without a source are undefined.
     """
     if width == count and all(k == source for k, source in sources.items()):
         return vector
@@ -284,7 +287,7 @@ def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single:
     """Emit the vector `made` with single values inserted, and return its operand.
 
     `single` maps an index to the value for this entry. All constants are inserted by one instruction. `filled` are
-    the indices of the entries of `made` that are defined. `made` is "" if there are none.
+    the indices of the entries of `made` that are defined. `made` is "" if no entry is defined.
     """
     values, name = list(dict.fromkeys(single.values())), KINDS[kind]
     if len(values) == 1 and not filled:
