@@ -22,7 +22,7 @@ from lagrange.procedure.values import VALUES, Entries, Flag, Memory, Real, Recor
 
 
 class FunctionParameter:
-    """A function parameter of a procedure. It can be called, or passed on to other procedures."""
+    """A function parameter of a procedure. The procedure can call the function, or pass it on to other procedures."""
 
     def __init__(self, builder: Builder, ref: int, callee: Callee) -> None:
         self._builder, self.ref, self._callee = builder, ref, callee
@@ -67,7 +67,7 @@ class Builder:
     # --- parameters
 
     def given(self, name: str, kind: Kind | Array) -> Any:
-        """Add a parameter, a number or an array, and return its value."""
+        """Add a parameter `name`, a number or an array as `kind` says, and return its value."""
         ref = self._parameter(name, kind)
         return Memory(self, ref, kind) if isinstance(kind, Array) else VALUES[kind](self, ref)
 
@@ -196,7 +196,7 @@ class Builder:
         return Entries(self, ref, kind) if isinstance(kind, Vector) else VALUES[kind](self, ref)
 
     def real(self, value: Any) -> Real:
-        """Convert a real, whole or flag to a real."""
+        """Return a real, whole or flag as a real. A flag gives 1.0 or 0.0."""
         if isinstance(value, Real):
             return value
         number = self.operation("real", value) if isinstance(value, Value) else self.constant(value, REAL)
@@ -204,7 +204,7 @@ class Builder:
         return number
 
     def whole(self, value: Any) -> Whole:
-        """Convert a real, whole or flag to a whole."""
+        """Return a real, whole or flag as a whole. A real is rounded towards zero."""
         if isinstance(value, Whole):
             return value
         number = self.operation("whole", value) if isinstance(value, Value) else self.constant(value, WHOLE)
@@ -314,7 +314,7 @@ class Builder:
     ) -> Iterator[Whole]:
         """Add a loop: the body of the `with` runs for each index below `count`, in any order.
 
-        The body may use `fold`. Up to `width` iterations may run at a time. With `spill` these may overwrite array
+        The body may use `fold`. Up to `width` iterations may run at a time. With `spill` they may overwrite array
         entries from `count` on. With `unrolled` all iterations are written out.
         """
         number = self.operand(count, WHOLE)
@@ -332,7 +332,7 @@ class Builder:
         """Return the reduction `op` of a value over the iterations of the enclosing `each`.
 
         The result is available after the loop: "add" is the sum, "dot" the sum of value * factor, "max" the largest
-        value (NaN if any value is), "most" the largest without NaN, "magnitude" the largest |value|.
+        value (NaN if any value is NaN), "most" the largest without NaN, "magnitude" the largest |value|.
         """
         if self._folds is None:
             raise LagrangeError(f"procedure {self.name}: sums of values are possible inside `each` only.")

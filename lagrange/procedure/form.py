@@ -1,9 +1,9 @@
-"""The language-independent form of a procedure: typed values, memory and control flow.
+"""Statements and types of a procedure: typed values, memory and control flow, for any language.
 
 A procedure is a block of statements. Every value, variable, array and record has an integer id, `ref`, and statements
-name their operands by id. A value is assigned once; variables, arrays and fields of records can change. There are
-three kinds of value, no pointers, no recursion and no exceptions: a procedure that fails returns a status. The form can
-therefore be printed as LLVM, C or Python, and `interpreter` runs it directly.
+name their operands by id. A value is assigned once; variables, arrays and fields of records can change. There are three
+kinds of value, no pointers, no recursion and no exceptions: a procedure that fails returns a status. So it can be
+printed as LLVM, C or Python, and `interpreter` runs it directly.
 
     reals      doubles; a printer may compute several in the lanes of a vector, and flags are then masks
     wholes     64-bit signed integers: counts and indices
@@ -36,7 +36,7 @@ class Kind(enum.StrEnum):
 REAL, WHOLE, FLAG = Kind.REAL, Kind.WHOLE, Kind.FLAG
 
 CONSTANT = "constant"
-"""The operation without operands. Its `data` is the value of the constant."""
+"""Name of the operation without operands, a constant. Its `data` is the value."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Array:
 
 
 READ = Array(read=True)
-"""An array of real numbers that is only read."""
+"""Type of an array of real numbers that is only read."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class Vector(NamedTuple):
 
 
 def of_width(kind: Kind, width: int) -> Kind | Vector:
-    """Return the type of a vector of `width` values of a kind. For a width of 1 it is the kind itself."""
+    """Return the type of a vector of `width` values of a kind. For a width of 1 the result is the kind itself."""
     return Vector(kind, width) if width > 1 else kind
 
 
@@ -160,7 +160,7 @@ class VectorLet(NamedTuple):
     """A vector that an operation `op` computes: entry by entry on vectors of one width, or by `permute`.
 
     `permute` chooses entries of its operands, which are vectors and single values. All their entries are numbered
-    consecutively from 0, and `places` are the numbers of the chosen ones.
+    consecutively from 0, and `places` are the numbers of the chosen entries.
     """
 
     ref: int
@@ -190,9 +190,9 @@ class VectorLoad(NamedTuple):
 
 
 class Gather(NamedTuple):
-    """Statement that reads a vector of entries of an array; entries are zero where the mask is false.
+    """Statement that reads entries of an array as a vector, at the indices in the vector `places`.
 
-    `places` is the vector of their indices.
+    Entries of the result are zero where the mask is false.
     """
 
     ref: int
@@ -203,10 +203,10 @@ class Gather(NamedTuple):
 
 
 class VectorStore(NamedTuple):
-    """Statement that writes a vector to adjacent entries of an array, from index `place` on, where the mask is true.
+    """Statement that writes a vector to adjacent entries of an array, from index `place` on.
 
-    Without a mask all entries are written. The array has all these entries: those where the mask is false may be read
-    and written back unchanged.
+    With a mask, only entries where the mask is true are written. The array must have all these entries: the others
+    may be read and written back unchanged.
     """
 
     array: int
@@ -337,16 +337,18 @@ PARTIAL = 4
 """Number of partial sums of a `Fold`."""
 
 SUMS, WIDTHS = ("add", "dot"), (1, 2, 4, 8)
-"""Reductions that are sums; and the widths of an `Each`: numbers of iterations that may be computed at once."""
+"""`SUMS`: names of the reductions that are sums. `WIDTHS`: numbers of iterations of an `Each` that may be computed at
+once.
+"""
 
 
 class Fold(NamedTuple):
     """A reduction over the iterations of an `Each`: `add`, `dot`, `max`, `most` or `magnitude`.
 
-    `max` is NaN if any value is; `most` ignores NaN. Without iterations both are -infinity. `magnitude` is the largest
-    |value|, NaN if any value is, and 0 without iterations. `dot` adds products of two values; each multiply-add is
-    rounded once. A sum adds value i to partial sum i mod 4. At the end partial sums 0 and 1, and 2 and 3, are added,
-    then both results. So the sum is the same with and without blocks of four.
+    `max` is NaN if any value is NaN; `most` ignores NaN. Without iterations both are -infinity. `magnitude` is the
+    largest |value|, NaN if any value is NaN, and 0 without iterations. `dot` adds products of two values; each
+    multiply-add is rounded once. A sum adds value i to partial sum i mod 4. At the end partial sums 0 and 1, and 2
+    and 3, are added, then both results. So the sum is the same with and without blocks of four.
     """
 
     ref: int
@@ -357,18 +359,18 @@ class Fold(NamedTuple):
 
     @property
     def first(self) -> float:
-        """The result of the reduction if there are no iterations."""
+        """The result of the reduction for a loop without iterations."""
         return 0.0 if self.op in (*SUMS, "magnitude") else float("-inf")
 
 
 class Each(NamedTuple):
     """A loop over the indices 0 to `iterations` - 1, whose iterations may run in any order or at the same time.
 
-    Arrays are accessed at the index itself, or read at an index that no iteration writes. An iteration may have local
-    variables, and loops with the same count in every iteration. It has no calls and no branches. A printer may
-    compute up to `width` iterations at a time, one of `WIDTHS`, and four if there is a sum. With `spill` these may
-    overwrite array entries from `iterations` on; otherwise such entries within the size of the array are unchanged.
-    With `unrolled` no loop is printed: all iterations follow one another.
+    Arrays are accessed at the index itself, or read at an index that no iteration writes. An iteration may have
+    local variables, and loops with the same count in every iteration. An iteration has no calls and no branches. A
+    printer may compute up to `width` iterations at a time, one of `WIDTHS`, and four if there is a sum. With
+    `spill` these iterations may overwrite array entries from `iterations` on; otherwise such entries within the
+    size of the array are unchanged. With `unrolled` no loop is printed: all iterations follow one another.
     """
 
     place: int
@@ -449,7 +451,7 @@ _BLOCKS: Mapping[type, tuple[str, ...]] = {
     Loop: ("body",),
     Each: ("body",),
 }
-"""The statements with blocks inside, in the order in which they run."""
+"""Names of the fields that are blocks, for each statement with blocks inside, in the order in which the blocks run."""
 
 
 def inner(statement: Statement) -> tuple[Block, ...]:
@@ -481,7 +483,7 @@ def calls(block: Block) -> list[Call]:
 def transitive_callees(procedures: Sequence[Procedure], elsewhere: Sequence[Procedure] = ()) -> list[Procedure]:
     """Return the procedures and their transitive callees, callees first. Callees in `elsewhere` are left out.
 
-    Procedures that only such callees call are left out too.
+    Procedures that are called only by callees in `elsewhere` are left out too.
     """
     reached: dict[Procedure, None] = {}
 
@@ -533,10 +535,10 @@ OPERATIONS: dict[str, tuple[Signature, ...]] = {
 """Every operation with the kinds of its operands and results.
 
 Comparisons with NaN are false. `min`, `max` and `magnitude` of NaN are NaN; `magnitude`, the larger of |a| and |b|,
-costs processors less than `max`. `fma` is a*b + c rounded once, `fnma` c - a*b. `round` gives the nearest integer, ties
-to even. `quotient` rounds towards zero, and so does `whole` of a real in the range of wholes. A normal |x| is
-mantissa * 2**exponent with 1 <= mantissa < 2. The exponent of infinity and NaN is 1024, that of zero and subnormal
-numbers -1023. `two_to` k is 2**k for a normal result.
+takes processors less time than `max`. `fma` is a*b + c rounded once, `fnma` c - a*b. `round` gives the nearest integer,
+ties to even. `quotient` rounds towards zero, and so does `whole` of a real in the range of wholes. A normal |x| is
+mantissa * 2**exponent with 1 <= mantissa < 2. The exponent of infinity and NaN is 1024, and -1023 for zero and
+subnormal numbers. `two_to` k is 2**k for a normal result.
 """
 
 

@@ -1,4 +1,4 @@
-"""Run a procedure statement by statement: the reference for every printer.
+"""Run a procedure statement by statement in Python: the reference with which every printer is compared.
 
 Reals are Python floats, wholes and flags are Python ints and bools. An array is any indexable object, used from an
 offset on; a record is an object with its fields as attributes, such as its `Record.structure`. A function parameter is
@@ -163,7 +163,7 @@ _VALUES: Mapping[type, Callable[[Any, Environment], Any]] = {
     form.Declare: lambda s, contents: contents[s.value],
     form.Get: lambda s, contents: contents[s.variable],
 }
-"""The value that a statement gives to its id `ref`."""
+"""Functions that compute the value of a statement's id `ref`, by class of the statement."""
 
 
 def _field(value: Any) -> Any:
@@ -220,7 +220,7 @@ LARGER: Mapping[str, Callable[[float, float], float]] = {
     "most": lambda a, b: b if b > a else a,
     "magnitude": _magnitude,
 }
-"""The function that returns the larger of two values, for each fold that is a maximum."""
+"""The function that returns the larger of two values, for each reduction that is a maximum."""
 
 
 def _min(a: Any, b: Any) -> Any:
@@ -259,7 +259,8 @@ def _power(a: float, b: float) -> float:
 def _total(function: Callable[[float], float], *, pole: float = math.nan) -> Callable[[float], float]:
     """Return `function` with results instead of exceptions.
 
-    They are NaN outside the domain, infinite on overflow, and `pole` at zero if the function is undefined there.
+    The results are NaN outside the domain, infinite on overflow, and `pole` at zero if the function is undefined
+    there.
     """
 
     def value(x: float) -> float:
@@ -311,4 +312,4 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "exponent": lambda x: (_bits(x) >> 52 & 2047) - 1023,
     "mantissa": lambda x: struct.unpack("<d", struct.pack("<Q", _bits(x) & 2**52 - 1 | 1023 << 52))[0],
 }
-"""Every operation of the form on Python's numbers."""
+"""Functions that compute every operation of procedures on Python's numbers."""

@@ -1,4 +1,4 @@
-"""Varying and uniform values of a procedure that runs many members at once, and statements on them.
+"""Values of a procedure that differ between members of an ensemble, and values that all members share.
 
 A member is one of several runs of the original procedure; each lane of a vector holds the value of one member. A value
 is varying if it depends on a varying argument, or if members may have taken different branches. All other values are
@@ -116,9 +116,9 @@ class _VariationSearch:
         return ProcedureVariation(frozenset(self.varying), frozenset(self.shifted), self.returns_early, results)
 
     def mark(self, ref: int, *, differs: bool, shifted: bool = False) -> None:
-        """Record that the value `ref` differs between members, or that an array begins at different indices.
+        """Record that the value `ref` differs between members if `differs`.
 
-        `shifted` is true for the latter.
+        If `shifted`, record that the parts of the array `ref` begin at a different index for each member.
         """
         if differs:
             self.varying.add(ref)
@@ -131,7 +131,7 @@ class _VariationSearch:
             self.statement(statement, masked=masked)
 
     def statement(self, statement: Statement, *, masked: bool) -> None:
-        """Record those ids that a statement defines or sets and that differ between members.
+        """Record the ids that a statement defines or sets and that differ between members.
 
         `masked` is true if only some of the members reach the statement.
         """
@@ -183,7 +183,7 @@ class _VariationSearch:
 
 
 SHORT_BRANCH = 8
-"""Largest number of operations of a branch for which both sides are computed for all members."""
+"""Largest number of operations in a branch statement for which both branches are computed for all members."""
 
 _ARITHMETIC = ("add", "sub", "mul", "neg", "abs", "min", "max", "fma", "fnma", "copysign", "sign", "magnitude", "real")
 CHEAP = frozenset((*_ARITHMETIC, "less", "less_equal", "equal", "and", "or", "not", "select", CONSTANT))
@@ -194,9 +194,9 @@ CHEAP = frozenset((*_ARITHMETIC, "less", "less_equal", "equal", "and", "or", "no
 class MemberMemory:
     """An array or a record of the new procedure, which runs all members at once.
 
-    `varying` is true if each member has its own values; those of all members at one index are then adjacent. `starts`
-    is the id of a vector of first indices, one for each member, or None if they are equal. `level` is the number of
-    enclosing branches that only some members take, at the allocation, or -1 for an array of the caller.
+    `varying` is true if each member has its own values; the values of all members at one index are then adjacent.
+    `starts` is the id of a vector of first indices, one for each member, or None if they are equal. `level` is the
+    number of enclosing branches that only some members take, at the allocation, or -1 for an array of the caller.
     """
 
     ref: int
@@ -228,7 +228,7 @@ class MemberStatements:
         self.constants: dict[int, float | int | bool] = {}
 
     def new(self, kind: Kind | None = None, *, wide: bool = False) -> int:
-        """Return a new id: of a value of the given kind, a vector if `wide`; or, if `kind` is None, of memory."""
+        """Return a new id: of a value of the given kind, a vector if `wide`; or of memory, if `kind` is None."""
         ref = next(self.unused)
         if kind is not None:
             self.kinds[ref] = kind
@@ -258,7 +258,7 @@ class MemberStatements:
     def put(self, op: str, kind: Kind, *args: int, wide: bool = False) -> int:
         """Add the operation `op` on the values with the ids `args`, and return the id of its result.
 
-        `kind` is the kind of the result. It is a vector if an operand is one, or if `wide` is true.
+        `kind` is the kind of the result. The result is a vector if an operand is a vector, or if `wide` is true.
         """
         if not wide and self.vectors.isdisjoint(args):
             ref = self.new(kind)

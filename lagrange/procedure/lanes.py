@@ -1,4 +1,4 @@
-"""Rewrite a procedure for many members at once, one in each lane of vectors.
+"""Rewrite a procedure to run many members of an ensemble at once, one in each lane of vectors.
 
 A member is one of several runs of the procedure with different arguments. A value that is the same for all members is
 computed once. Any other value becomes a vector with one entry for each member. A condition that differs between members
@@ -65,9 +65,9 @@ class MemberProcedures:
     def entry(self, procedure: Procedure, signature: Signature) -> Procedure:
         """Return the procedure that runs all members, for callers without vectors: arrays replace the vectors.
 
-        `signature` says which arguments differ between members. The first argument has a whole number for each
-        member, above zero if the member is to run. An argument that differs is an array with a number for each
-        member. So is each result, `result0` and so on; flags are wholes.
+        `signature` says which arguments differ between members. The first argument has a whole number for each member,
+        above zero if the member is to run. An argument that differs is an array with a number for each member. Each
+        result is also such an array, named `result0` and so on; flags are wholes.
         """
         called = self.of(procedure, signature)
         p = MemberStatements(self.lanes)
@@ -92,7 +92,8 @@ class MemberProcedures:
 class _Rewriter(Visitor, MemberStatements):
     """Rewrites one procedure for many members. The signature says which arguments differ between members.
 
-    Ids of the original procedure are "old". `level` is the number of enclosing branches that only some members take.
+    Ids of the original procedure are called "old". `level` is the number of enclosing branches that only some
+    members take.
     """
 
     def __init__(self, program: MemberProcedures, procedure: Procedure, signature: Signature) -> None:
@@ -172,7 +173,7 @@ class _Rewriter(Visitor, MemberStatements):
         return self.wide(ref) if wide else ref
 
     def remaining(self, mask: int, statement: form.Statement) -> int:
-        """Return the mask `mask` without the members that have returned from the procedure inside a statement."""
+        """Return the vector `mask` without the members that have returned from the procedure inside a statement."""
         if self.alive is None or not any(leaves(body) for body in form.inner(statement)):
             return mask
         return self.both(mask, self.got(self.alive))
@@ -208,12 +209,12 @@ class _Rewriter(Visitor, MemberStatements):
     # --- statements
 
     def block(self, block: Block) -> None:
-        """Add the statements that replace those of a block of the original procedure, for all members."""
+        """Add the statements that replace the statements of a block of the original procedure, for all members."""
         for statement in block:
             self.statement(statement)
 
     def inside(self, block: Block, mask: int) -> Block:
-        """Return the statements of an inner block, rewritten for the members in the mask."""
+        """Return the statements of an inner block, rewritten for the members in `mask`."""
         outside, self.out, self.mask = self.out, [], mask
         self.block(block)
         made, self.out = tuple(self.out), outside
@@ -232,14 +233,14 @@ class _Rewriter(Visitor, MemberStatements):
             return
         wide, args = self.differs(let.ref), [self.values[arg] for arg in let.args]
         if wide and let.op == "quotient":
-            # A member outside the mask may have a zero divisor here, which would stop the process.
+            # A member outside the mask may have a divisor of zero, which would stop the process.
             is_zero = self.put("equal", FLAG, args[1], self.constant(WHOLE, 0))
             args[1] = self.put("select", WHOLE, is_zero, self.constant(WHOLE, 1), args[1])
         self.values[let.ref] = self.put(let.op, let.kind, *args, wide=wide)
 
     @visits(form.SineCosine)
     def angle(self, pair: form.SineCosine) -> None:
-        """Rewrite a sine and a cosine of the same angle for all members: of a vector of angles if these differ."""
+        """Rewrite a sine and a cosine of the same angle for all members: of a vector if the angles differ."""
         wide = self.differs(pair.sine)
         angle = self.value(pair.angle, wide=wide)
         sine, cosine = (self.new(REAL, wide=wide) for _ in range(2))

@@ -1,6 +1,7 @@
 """Rewrite procedures: bind function parameters, remove values that are never read, replace vectors by arrays.
 
-Binding turns a procedure for any right-hand side into one for a given right-hand side, without function pointers.
+Binding turns a procedure for any right-hand side into a procedure for a given right-hand side, without function
+pointers.
 
 For languages without vectors each vector becomes a local array. Operations on vectors become loops over their entries,
 which compilers turn into vector instructions. Successive operations share a loop. A value that only its own loop reads
@@ -167,11 +168,11 @@ def without_vectors(procedure: Procedure) -> Procedure:
 
 
 class _Rewriter:
-    """Rewrites one procedure. `deferred` are the statements on vectors for the next loop, which has `width` iterations.
+    """Rewrites one procedure without vectors. `deferred` are the statements on vectors for the next loop.
 
-    A value in a loop has the id of its vector. `arrays` has the array with the entries of a vector or of a variable
-    that is one, `copied` the single value of a vector with equal entries, and `whole` the array of which an array is
-    a part, all by id.
+    The loop has `width` iterations. A value in a loop has the id of its vector. `arrays` has the array with the
+    entries of a vector or of a variable that is a vector, `copied` the single value of a vector with equal entries,
+    and `whole` the array of which an array is a part, all by id.
     """
 
     def __init__(self, procedure: Procedure) -> None:
@@ -190,7 +191,7 @@ class _Rewriter:
         self.width = 0
 
     def inside(self, block: Block) -> Block:
-        """Return the statements that replace those of a block."""
+        """Return the statements that replace the statements of a block."""
         outside, self.out = self.out, []
         for statement in block:
             self.statement(statement)
@@ -241,7 +242,7 @@ class _Rewriter:
         self.deferred.append(statement)
 
     def separate(self, array: int, access: type[form.VectorLoad] | type[form.VectorStore]) -> None:
-        """Add the loop of the deferred statements if one of the class `access` has the same memory as an array."""
+        """Add the loop of the deferred statements if a statement of the class `access` uses the memory of an array."""
         memory = self.whole.get(array, array)
         accessed = [other.array for other in self.deferred if isinstance(other, access)]
         if any(self.whole.get(other, other) == memory for other in accessed):

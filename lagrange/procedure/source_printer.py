@@ -1,4 +1,4 @@
-"""Print a procedure as source text: the part that all languages share.
+"""Printer of procedures as source text, such as C or Python: the part that all languages share.
 
 The text of a value that is used once is inserted at its use, unless its operands change before that. Other values get
 names. A language defines the look of operations, literals, arrays, records, branches and loops.
@@ -130,7 +130,7 @@ class SourcePrinter(Visitor, Syntax):
     def text(self, ref: int, least: int = 0) -> str:
         """Return the text of the value with the id `ref` as an operand.
 
-        It is in parentheses if its binding strength is below `least`.
+        The text is in parentheses if its binding strength is below `least`.
         """
         self.deferred.pop(ref, None)
         level, text = self.texts[ref]

@@ -1,4 +1,4 @@
-"""Spelling of procedures in languages: operators, constants and statements that each language defines."""
+"""Parts of a language that printers of procedures need: operators, constants and statements."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ OPERATORS: Mapping[str, Operator] = {
     "neg": Operator(8, "-{0}", (9,)),
     "not": Operator(8, "!{0}", (9,)),
 }
-"""Operators that most languages share. A conditional expression has binding strength 1, below all of them."""
+"""Operators that most languages share. A conditional expression has binding strength 1, below all of these."""
 
 WORDS: Mapping[str, Operator] = {
     "or": Operator(2, "{0} or {1}", (2, 3)),
@@ -95,9 +95,9 @@ class Literals:
 class Syntax(ABC):
     """Base class of printers: how a language spells the parts of a procedure.
 
-    `operators` has the operations that are printed as operators; all others are functions. `literals` prints
-    constants. `greater` has the spelling of comparisons with exchanged operands, such as b > a for a < b. It is used
-    if the first operand is a constant.
+    `operators` has the operations that are printed as operators; all other operations are functions. `literals`
+    prints constants. `greater` has the spelling of comparisons with exchanged operands, such as b > a for a < b.
+    This spelling is used if the first operand is a constant.
     """
 
     operators: Mapping[str, Operator]
@@ -186,7 +186,7 @@ class Syntax(ABC):
 
     @abstractmethod
     def closing(self, kind: str) -> str:
-        """Return the line that closes a block of the given kind; "" for none.
+        """Return the line that closes a block of the given kind, or "" if no line is needed.
 
         After "" for an `if`, its `else` follows directly.
         """

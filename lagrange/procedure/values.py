@@ -1,4 +1,4 @@
-"""Values of a procedure under construction, with Python operators."""
+"""Values, arrays and records of a procedure that is being built, with Python operators."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class _Ordered(Value):
     __le__, __ge__ = _operator("less_equal"), _reflected("less_equal")
 
     def equals(self, other: Any) -> Flag:
-        """Return the flag that is true if two numbers are equal. It is false if one is NaN."""
+        """Return the flag that is true if two numbers are equal. The flag is false if one of the numbers is NaN."""
         return Flag.of(self.builder.operation("equal", self, other))
 
 
@@ -136,7 +136,8 @@ class Variable:
 class Memory:
     """An array, read and written by index. `a[start:]` and `a.at(start)` are its part from an index on.
 
-    `root` is the id of the whole array of which this one is a part; for a whole array it is its own id.
+    `root` is the id of the whole array of which this array is a part; for a whole array it is the id of the array
+    itself.
     """
 
     def __init__(self, builder: Builder, ref: int, array: Array, root: int | None = None) -> None:

@@ -1,7 +1,7 @@
 """The visitor over the statements of procedures, and a table of the ids that each statement reads and defines.
 
-Printers and all passes use it. A new statement is added to `form`, to the table here,
-and as a method to each visitor. Defining a visitor class without a method for some statement raises an error.
+Printers and all passes use it. A new statement is added to `form`, to the table here, and as a method to each visitor.
+Defining a visitor class without a method for some statement raises an error.
 """
 
 from __future__ import annotations
@@ -139,8 +139,8 @@ def visits(*kinds: type) -> Callable[[Method], Method]:
 class Visitor:
     """Base class of passes over a procedure: calls the method for the class of each statement.
 
-    A subclass has one method for each class of statements, marked by `visits`. It needs none for vectors if it prints
-    procedures without vectors only.
+    A subclass has one method for each class of statements, marked by `visits`. It needs no method for vectors if it
+    only prints procedures without vectors.
     """
 
     _methods: ClassVar[Mapping[type, str]] = {}

@@ -1,11 +1,12 @@
-"""Catalogue of the programs that a model offers, by name, and the programs of constraints, such as the projection.
+"""Quantities that a model offers, by name, as programs; programs of constraints, such as the projection onto them.
 
-Each program is lowered from the equations at its first use. In the programs of constraints phi(q, t) = 0 are
-constraints on positions, psi = 0 are those on velocities, and G = dpsi/dv. The projection makes the least change in the
-metric of the mass matrix. One Newton step from (q, v): dq minimises dq^T M dq / 2 with phi + (dphi/dq) dq = 0, and dv
-minimises dv^T M dv / 2 with psi + (dpsi/dq) dq + G dv = 0. Both are solved with the matrix of the accelerations, [[M,
-G^T], [G, 0]], which is factored once. A constraint on velocities determines no coordinates: dq is a displacement that
-it admits. Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, section VII.2.
+Each program is lowered from the equations at its first use. In the programs of constraints, phi(q, t) = 0 are
+constraints on positions, psi = 0 are constraints on velocities, and G = dpsi/dv. The projection makes the least change
+in the metric of the mass matrix. One Newton step from (q, v): dq minimises dq^T M dq / 2 with phi + (dphi/dq) dq = 0,
+and dv minimises dv^T M dv / 2 with psi + (dpsi/dq) dq + G dv = 0. dq and dv are both solved for with the matrix of the
+accelerations, [[M, G^T], [G, 0]], which is factored once. A constraint on velocities determines no coordinates: dq is a
+displacement that it admits. Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996,
+section VII.2.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from lagrange.program.program import Program
 from lagrange.statement.space import conjugate, length_excess, product
 
 LEAST_TERM_SIZE = Fraction(1, 2**1000)
-"""Added to the sizes of terms, so that a violation is zero if all its terms are zero."""
+"""Number added to the sizes of terms, so that a relative violation is zero if all its terms are zero."""
 
 
 def constraint_positions(constraints: ConstraintEquations) -> list[Node]:
@@ -36,15 +37,16 @@ def constraint_positions(constraints: ConstraintEquations) -> list[Node]:
 
 
 def projection(equations: Equations) -> Named:
-    """Return the nodes of the corrections [dq, dv] that move a state onto the constraints, and of two error measures.
+    """Return the nodes of the corrections [dq, dv] of a state onto the constraints, and of two error measures.
 
-    The violation is the error before the correction: the largest |phi| or |psi|, relative to the size of its terms. The
-    remainder estimates the error after it: the sum over all constraints of the second-order terms along the
-    corrections, again relative to the sizes of terms. Near a configuration with dependent constraints the corrections
-    are large, and the remainder may exceed the violation. The unit length of a quaternion counts as a constraint.
+    The violation is the error before the correction: the largest |phi| or |psi|, relative to the size of its terms.
+    The remainder estimates the error after the correction: the sum over all constraints of the second-order terms
+    along the corrections, again relative to the sizes of terms. Near a configuration with dependent constraints the
+    corrections are large, and the remainder may exceed the violation. The unit length of a quaternion counts as a
+    constraint.
 
-    Some constraints may only determine the velocities of coordinates without inertia. Then a second violation follows:
-    that of the other constraints alone.
+    Some constraints may only determine the velocities of coordinates without inertia. Then a second violation
+    follows: the violation of the other constraints alone.
     """
     graph, held = equations.graph, equations.constraints
     n, zero = len(equations.q), equations.graph.zero
@@ -96,8 +98,8 @@ def _lengths(equations: Equations) -> tuple[list[Node], list[Node]]:
 def _restore(equations: Equations, corrections: list[Node], errors: Sequence[Node]) -> None:
     """Change the part of each correction along its quaternion q so that q . correction = -error, in place.
 
-    `corrections` are those of coordinates or of velocities, and `errors` has an error for each quaternion. The length
-    of q is nearly one. Forces and constraints do not depend on it, so they do not change.
+    `corrections` are corrections of coordinates or of velocities, and `errors` has an error for each quaternion.
+    The length of q is nearly one. Forces and constraints do not depend on this length, so they do not change.
     """
     graph = equations.graph
     for rows, error in zip(equations.quaternions, errors, strict=True):
@@ -127,10 +129,10 @@ def constrained(equations: Equations) -> Named:
     """Return the nodes of p, f, G^T lambda, phi and psi, n of each, for methods whose unknowns are the multipliers.
 
     These are the momenta, the forces, the constraint forces, the constraints and their rates of change. The m
-    multipliers and constraints are padded to n entries. A padding entry of the constraints is the padding multiplier
-    itself. A step makes all entries zero, hence also the padding multipliers, and the matrix of Newton's method is
-    square and regular. A constraint on velocities has no phi: its multiplier takes the place of phi. Momenta and
-    forces are those of the solved form, whose mass matrix is regular.
+    multipliers and constraints are padded to n entries. A padding entry of the constraints is the padding
+    multiplier itself. A step makes all entries zero, hence also the padding multipliers, and the matrix of Newton's
+    method is square and regular. A constraint on velocities has no phi: its multiplier takes the place of phi.
+    Momenta and forces are those of `Equations.motion`, whose mass matrix is regular.
     """
     held, multipliers = equations.constraints, multiplier_symbols(equations)
     count = len(held)
@@ -150,8 +152,8 @@ def constrained(equations: Equations) -> Named:
 def constrained_jacobian(equations: Equations) -> Named:
     """Return the nodes of d[p, f, c, phi, psi] / d[q, v, lambda] by rows, (5n, 3n).
 
-    These are the momenta p, the forces f, the constraint forces c = G^T lambda, the constraints phi and their rates
-    of change psi, padded to n entries each.
+    The quantities are the momenta p, the forces f, the constraint forces c = G^T lambda, the constraints phi and
+    their rates of change psi, padded to n entries each.
     """
     rows = [node for block in constrained(equations).values() for node in block]
     symbols = [symbol for block in constrained_inputs(equations).values() for symbol in block]
@@ -231,14 +233,14 @@ class Quantity:
 def jacobian(equations: Equations) -> Named:
     """Return the nodes of the Jacobian d[dq/dt, a] / d[q, v] of the right-hand side by rows, (2n, 2n).
 
-    The upper rows are the derivatives of dq/dt. The lower rows are those of the accelerations a. They follow from the
-    residual r = [M a - h - G^T lambda, G a + gamma] as a function of y = [q, v] at fixed a and lambda: they solve
-    [[M, G^T], [G, 0]] d[a, -lambda]/dy = -dr/dy. The residual is computed as the rate of change of the momenta and
-    constraints along (v, a), so that no entry of M is differentiated.
+    The upper rows are the derivatives of dq/dt, and the lower rows the derivatives of the accelerations a. These
+    follow from the residual r = [M a - h - G^T lambda, G a + gamma] as a function of y = [q, v] at fixed a and
+    lambda: they solve [[M, G^T], [G, 0]] d[a, -lambda]/dy = -dr/dy. The residual is computed as the rate of change
+    of the momenta and constraints along (v, a), so that no entry of M is differentiated.
     """
     graph, held = equations.graph, equations.constraints
     n, m = len(equations.v), len(equations.constraints)
-    # Here accelerations are symbols: the derivative of M times the solution of M a = h would be zero.
+    # Accelerations must be symbols: the derivative of M times the solution of M a = h would be zero.
     a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(n)]
     direction = dict(zip((*equations.q, *equations.v), (*equations.rate, *a), strict=True))
     along = tangents([*equations.motion.momenta, *held.velocities], {**direction, **graph.rates})
@@ -337,18 +339,22 @@ LAW_QUANTITIES: dict[str, Quantity] = {
     "projection": Quantity(projection, solved=True),
     "local": Quantity(local, solved=True, inputs=local_inputs),
 }
-"""Quantities that only steps evaluate: laws with multipliers, as functions of t, q, v and lambda; and corrections of a
-state [q, v] onto the constraints, with the violation before and after.
+"""Quantities that only steps evaluate, by name: `constrained` and `local` are the functions of these laws
+(`lagrange.program.step`), and `projection` has the corrections of a state [q, v] onto the constraints, with the
+violation before and after.
 """
 
 
 def quantities_of(equations: Equations) -> dict[str, Quantity]:
-    """Return the quantities that a system offers, by name; those of constraints only if it has constraints."""
+    """Return the quantities that a system offers, by name, such as its energy.
+
+    Only a system with constraints has quantities of constraints.
+    """
     return {**QUANTITIES, **(CONSTRAINT_QUANTITIES if equations.stated.names else {})}
 
 
 def program_of(name: str, equations: Equations) -> Program:
-    """Return the program that computes the quantity `name` of a system. It is built at the first call, then kept."""
+    """Return the program that computes the quantity `name` of a system, built at the first call."""
     if name in equations.programs:
         program: Program = equations.programs[name]
         return program

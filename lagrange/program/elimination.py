@@ -1,9 +1,9 @@
-"""Symbolic elimination of a sparse symmetric matrix, A = L D L^T: nonzero entries of L, and sizes that are written out.
+"""Symbolic elimination of a sparse symmetric matrix, A = L D L^T: nonzero entries of L, and limits for writing it out.
 
 Pivots are taken in the order of the matrix. This is stable if A is positive definite. For [[M, G^T], [G, 0]] with a
 definite M it is stable as long as no pivot is small compared with the terms of its sum. If a pivot is small, a solver
-chooses pivots by size instead. Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, section 4.1;
-R. J. Vanderbei, Symmetric quasidefinite matrices, SIAM J. Optimization 5, 1995.
+chooses pivots by size instead. Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, section 4.1; R.
+J. Vanderbei, Symmetric quasidefinite matrices, SIAM J. Optimization 5, 1995.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from functools import cached_property, lru_cache
 from lagrange.equations.solve_plan import SolvePlan, band_order
 
 LARGEST_IN_LINE = 6
-"""Largest matrix without multipliers whose elimination is printed one operation at a time. For larger ones a loop is as
-fast and compiles quickly.
+"""Largest matrix without multipliers whose elimination is printed one operation at a time. For a larger matrix a loop
+is as fast and compiles quickly.
 """
 
 MOST_MULTIPLICATIONS = 30_000
@@ -70,7 +70,7 @@ class Elimination:
         """Position of each unknown in the order of elimination with pivoting.
 
         A matrix with Lagrange multipliers is sparse: the order puts coupled unknowns close to each other, for a small
-        bandwidth. Without multipliers it is the original order.
+        bandwidth. Without multipliers the order is the original one.
         """
         if not self.negative:
             return tuple(range(self.order))
@@ -124,8 +124,8 @@ def block_eliminations(plan: SolvePlan) -> list[Elimination]:
 def is_factored(plan: SolvePlan) -> bool:
     """Return True if the matrix of a linear system is factored anew at each state.
 
-    `plan` describes its structure. False if it is diagonal, constant in time, or inverted instead. Factors are used
-    for matrices with multipliers, which are sparse.
+    `plan` describes its structure. The result is False if the matrix is diagonal, constant in time, or inverted
+    instead. Factors are used for matrices with multipliers, which are sparse.
     """
     blocks = [block for block in block_eliminations(plan) if block.order > 1]
     return plan.inverted and all(block.negative and block.written_out for block in blocks)

@@ -1,7 +1,7 @@
-"""Momentum form and d'Alembert's form of the equations of motion in a series, as sums of terms.
+"""Two ways to write the equations of motion for a Taylor series, as sums of terms: momentum form, d'Alembert's form.
 
-The momentum form is dp/dt = f. In d'Alembert's form each term C Y of p, with C free of velocities, is differentiated
-by parts: C dY/dt = f - Y dC/dt. If the Lagrangian is a sum of squares of velocities of points, Y dC/dt cancels against
+The momentum form is dp/dt = f. In d'Alembert's form each term C Y of p, with C free of velocities, is differentiated by
+parts: C dY/dt = f - Y dC/dt. If the Lagrangian is a sum of squares of velocities of points, Y dC/dt cancels against
 terms of f, and half of the products disappear. Both forms have the same mass matrix, so that one kernel serves both.
 The caller builds both and keeps the cheaper one.
 """
@@ -18,12 +18,12 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import LONGEST_FLAT, Binding, Exact, Graph, Kind, Node, exact, reachable
 
 LinearTerms = tuple[tuple[Exact, Node], ...]
-"""Sum of coefficient * node, as a list: as a node of the graph its common factors would be collected again."""
+"""Sum of coefficient * node, as a list. As a node of the graph, its common factors would be collected again."""
 
 MOST_TERMS = 4096
-"""Largest number of terms in one equation of a form: expanding pays only for few terms. The scenes, and chains of 30
-links, have at most 7. A mass that is a product of 12 sums has 4096 terms, which take 0.03 s for each momentum and save
-nothing.
+"""Largest number of terms in one equation of a form. Expansion saves operations only for few terms. The scenes, and
+chains of 30 links, have at most 7. A mass that is a product of 12 sums has 4096 terms, which take 0.03 s for each
+momentum and save nothing.
 """
 
 
@@ -65,8 +65,8 @@ class Form:
 def forms(p: Sequence[Node], f: Sequence[Node], q: Sequence[Node], v: Sequence[Node], time: Node) -> list[Form]:
     """Return the forms of the equations of motion dp/dt = f, one of which the caller chooses by their costs.
 
-    `p` are the momenta, `f` the forces, q the coordinates and v their rates. The first form has `p` and `f` as they
-    are. The others are the expanded sums and d'Alembert's form, if these do not have too many terms.
+    `p` are the momenta, `f` the forces, q the coordinates and v their rates. The first form has `p` and `f`
+    unchanged. The others are the expanded sums and d'Alembert's form, if these do not have too many terms.
     """
     graph = time.graph
     whole = Form(tuple(p), {node: Momentum(((1, node),)) for node in p}, tuple(((1, node),) for node in f))
@@ -84,7 +84,7 @@ def forms(p: Sequence[Node], f: Sequence[Node], q: Sequence[Node], v: Sequence[N
 
 
 Expansion = dict[tuple[Node, ...], Exact]
-"""A sum as a table: for each term, given by its sorted factors, the coefficient."""
+"""A sum as a table: the coefficient of each term, by the sorted factors of the term."""
 
 _Term = tuple[tuple[Node, ...], Exact]
 
@@ -151,8 +151,9 @@ class _ByParts:
     """Builds d'Alembert's form of dp/dt = f: C dY/dt = f - Y dC/dt for the terms C Y of a momentum.
 
     `slopes` has for each momentum its slope, the expanded sum of Y dC/dt over its terms C Y. A momentum may contain
-    other momenta, as in a chain with relative angles. Its slope and its force then contain those of the other
-    coordinates. Therefore the remaining force of one coordinate replaces those of all later coordinates.
+    other momenta, as in a chain with relative angles. Its slope and its force then contain the slopes and forces of
+    the other coordinates. Therefore the remaining force of one coordinate replaces its force and slope in all later
+    coordinates.
     """
 
     def __init__(
@@ -232,7 +233,8 @@ def _term(node: Node) -> _Term:
 class _FinishedCoordinates:
     """Coordinates whose equations are already in d'Alembert's form: C dY/dt = f - Y dC/dt for terms C Y of momenta.
 
-    For each one these are stored: its force f, its slope (the sum of Y dC/dt), and the node of f minus the slope.
+    For each coordinate these are stored: its force f, its slope (the sum of Y dC/dt), and the node of f minus the
+    slope.
     """
 
     def __init__(self) -> None:

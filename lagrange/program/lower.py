@@ -1,7 +1,7 @@
-"""Lowering from graph to program: sums, products and powers as binary operations, those on parameters first.
+"""Lowering from graph to program: sums, products and powers as binary operations, with operations on parameters first.
 
-Sums become chains of fused multiply-adds. Products put parameters first, so that this part is computed once per run. A
-power with an integer or half-integer exponent becomes multiplications and square roots.
+Sums become chains of fused multiply-adds. In products the parameters are multiplied first, so that this part is
+computed once per run. A power with an integer or half-integer exponent becomes multiplications and square roots.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class _Lowering:
                 self.done[node] = self.compute(node)
 
     def ref(self, node: Node) -> int:
-        """Return the index of the instruction that computes a node; instructions that are missing are emitted."""
+        """Return the index of the instruction that computes a node. Missing instructions are emitted."""
         if node not in self.done:
             self.done[node] = self.compute(node)
         return self.done[node]
@@ -96,7 +96,7 @@ class _Lowering:
     def emit(self, op: str, *args: int, level: Binding = Binding.CONSTANT, **data: Any) -> int:
         """Return the index of the instruction `op` on the results with the indices `args`.
 
-        An equal instruction is reused; otherwise a new one is added. `level` is what it depends on in addition to its
+        An equal instruction is reused; otherwise a new one is added. `level` says on what it depends in addition to its
         operands: nothing, parameters or the motion. `data` are its other fields.
         """
         instruction = Instruction(op, args, **data)
@@ -111,7 +111,7 @@ class _Lowering:
     def constant(self, value: Exact) -> int:
         """Return the index of the instruction for the double nearest to an exact constant.
 
-        Raises StatementError if that double is infinite, or zero for a constant that is not.
+        Raises StatementError if that double is infinite, or if it is zero and the constant is not.
         """
         try:
             nearest = float(value)
@@ -145,7 +145,7 @@ class _Lowering:
         """Emit a linear combination, and return the index of its result. Terms of parameters alone come first."""
         constant, coefficients = node.data
         total: int | None = None
-        # Positive terms come before negative ones, which then are subtractions.
+        # Positive terms come before negative terms, which then are subtractions.
         terms = zip(coefficients, node.args, strict=True)
         for coefficient, arg in sorted(terms, key=lambda t: (t[1].binding > Binding.PARAMETER, t[0] < 0, t[1].id)):
             total = self.add_term(total, coefficient, arg)
@@ -255,8 +255,8 @@ class _Lowering:
     def is_early(self, ref: int) -> bool:
         """Return True if instruction number `ref` is placed in the first part of the program.
 
-        This part reads all parameters, and computes what depends only on parameters. Results of parameters that change
-        along a motion are computed later.
+        This part reads all parameters, and computes all results that depend only on parameters. Results of parameters
+        that change along a motion are computed later.
         """
         return self.levels[ref] <= Binding.PARAMETER or self.instructions[ref].op == "parameter"
 
@@ -265,9 +265,10 @@ _CONSTANTS = {"pi": 3.141592653589793, "e": 2.718281828459045, "nan": float("nan
 
 
 def _beyond_doubles(value: Exact, what: str) -> StatementError:
-    """Return the error for an exact constant that is infinite or zero as a double; `what` says which of the two.
+    """Return the error for an exact constant that is infinite or zero as a double.
 
-    The user need not have written the constant: x/5e-324 contains 2e323.
+    `what` is the part of the message that says which. The user need not have written the constant: x/5e-324
+    contains 2e323.
     """
     exact = Fraction(value)
     with localcontext(prec=8, Emax=MAX_EMAX, Emin=MIN_EMIN):
@@ -280,10 +281,10 @@ def _beyond_doubles(value: Exact, what: str) -> StatementError:
 
 
 def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list[Node], list[Node]]:
-    """Return the factors of a product in two lists: those to multiply by, and those to divide by.
+    """Return the factors of a product in two lists: factors to multiply by, and factors to divide by.
 
-    Divisors come from negative powers that are used only in this product, of bases that are not parameters alone.
-    `uses` counts the uses of each node.
+    Divisors come from negative powers that are used only in this product, and whose bases depend on more than
+    parameters. `uses` counts the uses of each node.
     """
     under = [
         node

@@ -1,4 +1,4 @@
-"""Straight-line programs: the operations of a computation as a list, in order, without those that no result needs.
+"""Straight-line programs: the operations of a computation as a list, in order, without unneeded ones.
 
 A program maps time t, named blocks of inputs such as q and v, and the parameters to named blocks of results. Its
 instructions are in static single assignment form. The first `hoisted` instructions depend only on parameters and run
@@ -152,8 +152,8 @@ def arranged(
 ) -> tuple[tuple[Instruction, ...], int, tuple[int, ...]]:
     """Return the instructions that the outputs need, early ones first, with operands renumbered accordingly.
 
-    `outputs` are indices of instructions, and `is_early` is true for the index of an early one. Also return the
-    number of early instructions, and the new indices of the outputs.
+    `outputs` are indices of instructions, and `is_early` is a function that returns True for the index of an early
+    instruction. Also return the number of early instructions, and the new indices of the outputs.
     """
     needed = bytearray(len(instructions))
     for ref in outputs:
@@ -187,9 +187,9 @@ def uses_of(program: Program, twice: Container[str] = (*SYSTEMS, "select")) -> l
 class SolveGroup(NamedTuple):
     """Solves with one factorization that run together. All right-hand sides are known before the first solution.
 
-    `factor` is the index of the factor instruction, and `solves` are those of the solve instructions, in order. No
-    right-hand side depends on another solution of the group. A Jacobian has a group with one solve for each entry of
-    the state.
+    `factor` is the index of the factor instruction, and `solves` are the indices of the solve instructions, in
+    order. No right-hand side depends on another solution of the group. A Jacobian has a group with one solve for
+    each entry of the state.
     """
 
     factor: int
@@ -200,9 +200,9 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
     """Return the instructions `refs` in an order in which systems with the same matrix are solved together.
 
     Such solves are joined to a `SolveGroup`, of at most `most(factor)` solves with the matrix of the instruction
-    `factor`. At the index of a solve in a group its right-hand side is known. Its solution is known after the group.
-    Instructions are sorted by the number of solves on which they depend in sequence, then by index. Without groups the
-    order is unchanged.
+    `factor`. At the index of a solve in a group its right-hand side is known. Its solution is known after the
+    group. Instructions are sorted by the number of successive solves on which they depend, then by index. Without
+    groups the order is unchanged.
     """
     refs = list(refs)
     factors = [program.instructions[i].args[0] for i in refs if program.instructions[i].op == "solve"]

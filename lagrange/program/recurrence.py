@@ -1,8 +1,8 @@
 """From graph to series program: every node becomes a value with a rule for its Taylor coefficients.
 
 Functions are integrated: s = sin(a) follows from s' = cos(a) a'. If a' is a combination of velocities, the product
-cos(a) a' is a value like any other; a Lagrangian in Cartesian positions contains it already. Products of many factors
-are split so that their parts are shared.
+cos(a) a' is also a value with a rule; a Lagrangian in Cartesian positions contains this product already. Products of
+many factors are split so that their parts are shared.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from lagrange.statement.run_settings import CHECKED_EVERY, check_time
 from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 LONGEST_SHARED = 12
-"""Longest product whose pairs of factors are counted, to share them with other products. A longer one is multiplied
+"""Longest product whose pairs of factors are counted, to share them with other products. A longer product is multiplied
 from the left.
 """
 
@@ -81,7 +81,8 @@ class RecurrenceBuilder:
         """Return for each pair of factors a weight: the number of products that contain it.
 
         `order` are all nodes. A product of exactly two factors adds a large weight, because the series of its pair
-        exists in any case. So do cos(q) and sin(q) times the velocity, which the series of sin(q) and cos(q) need.
+        exists in any case. The same weight is added for cos(q) and sin(q) times the velocity, which the series of
+        sin(q) and cos(q) need.
         """
         counts: Counter[tuple[Node, Node]] = Counter()
         for node in order:
@@ -127,7 +128,7 @@ class RecurrenceBuilder:
         return self.values[node]
 
     def constant(self, node: Node | Exact) -> int:
-        """Return the index of a constant in the table of constants of the series; add it if it is not there."""
+        """Return the index of a constant in the table of constants of the series. A missing constant is added."""
         node = self.graph.node(node)
         return self.constants.setdefault(node, len(self.constants))
 
@@ -436,7 +437,7 @@ def _swept(b: RecurrenceBuilder, a: Node, w: Node, sign: int) -> int:
 def _pow(b: RecurrenceBuilder, node: Node) -> int:
     """Return the index of the series value of `node`, a power with an exponent that may vary.
 
-    If it varies, the power is computed as exp(exponent * log(base)).
+    If the exponent varies, the power is computed as exp(exponent * log(base)).
     """
     base, exponent = node.args
     if exponent.binding <= Binding.PARAMETER:
@@ -449,7 +450,7 @@ def _pow(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _piecewise(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the index of the series value of `node`: that of its first branch whose condition holds.
+    """Return the index of the series value of `node`: the value of its first branch whose condition holds.
 
     The conditions are constant along a series.
     """
@@ -485,4 +486,6 @@ FUNCTION_RULES: dict[str, FunctionRule] = {
     **dict.fromkeys(("abs", "sign", "min", "max", "less", "less_equal", "equal", "and", "or", "not"), _refuse),
     **dict.fromkeys(("pi", "e", "nan"), _refuse),
 }
-"""Builder of the series of each function. Functions that switch are replaced before, and constants are never passed."""
+"""Functions that add the series of a graph function, by its name. Functions that switch have been replaced, and
+constants are never passed.
+"""

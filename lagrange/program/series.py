@@ -4,9 +4,9 @@ Write x[k] for the k-th normalised Taylor coefficient of x(t). From dp/dt = f an
 
     q[k] = v[k-1] / k                M0 v[k] = f[k-1] / k - p^[k]
 
-where p^[k] is the coefficient of p computed with v[k] = 0, and M0 the mass matrix at the start. Every value between
-q, v and p, f has a rule. It gives the coefficient of order k from those of lower order and from the arguments'
-coefficients of order k; `RULES` lists the rules. Order 0 is an ordinary program, `start`.
+where p^[k] is the coefficient of p computed with v[k] = 0, and M0 the mass matrix at the start. Every value between q,
+v and p, f has a rule. The rule gives the coefficient of order k from coefficients of lower order and from the
+arguments' coefficients of order k; `RULES` lists the rules. Order 0 is an ordinary program, `start`.
 
 For every k from 1 to the highest order a machine
 
@@ -31,8 +31,8 @@ from lagrange.equations.solve_plan import SolvePlan
 from lagrange.program.program import Program
 
 LARGEST_POWER = 64
-"""Largest whole exponent of a power that becomes products, which are valid at zero, too. For larger ones the rule of
-powers is shorter.
+"""Largest whole exponent of a power that becomes products, which are also valid at zero. For larger exponents the rule
+of powers is shorter.
 """
 
 RULES: dict[str, tuple[int | None, int | None, str]] = {
@@ -63,7 +63,7 @@ LAGGED = {"integral": 0, "along": 1}
 
 
 OWN = -1
-"""Argument number that stands for the value itself."""
+"""Argument number in a rule for the value that the rule computes."""
 
 
 class Factor(NamedTuple):
@@ -167,7 +167,7 @@ class SeriesProgram:
         return tuple(depths)
 
     def direct(self, i: int) -> tuple[int, ...]:
-        """Return those arguments of value number i that its rule reads at the same order.
+        """Return the arguments of value number i that its rule reads at the same order.
 
         To compute the coefficient of order k of the value, the rule reads their coefficients of order k. An argument
         that is read at order k - 1 only is left out.
@@ -184,7 +184,7 @@ class SeriesProgram:
     def trials(self) -> tuple[tuple[int, ...], ...]:
         """For each stage, indices of the series values to compute before its linear system is solved, in order.
 
-        Its unknowns count as zero in them. The right-hand side of the system reads them.
+        They are computed with unknowns of zero. The right-hand side of the system reads them.
         """
         sides = ([value for value in stage.left if value is not None] for stage in self.stages)
         return tuple(self._at(self._needed(values), solved) for solved, values in enumerate(sides, 1))
@@ -193,15 +193,15 @@ class SeriesProgram:
     def found(self) -> tuple[tuple[int, ...], ...]:
         """For each stage, indices of the series values to compute after its linear system is solved, in order.
 
-        These are the values that the same order or a later one reads.
+        They are read at the same order or a later one.
         """
         needed = self._needed(self._outputs(left=len(self.stages) > 1))
         return tuple(self._at(needed, solved) for solved in range(1, len(self.stages) + 1))
 
     def _at(self, values: Sequence[int], solved: int) -> tuple[int, ...]:
-        """Return those of the series values that are first known after `solved` linear systems.
+        """Return the series values, among the indices `values`, that are first known after `solved` linear systems.
 
-        `values` are indices of series values; unknowns of linear systems are left out.
+        Unknowns of linear systems are left out.
         """
         return tuple(i for i in values if self.depth[i] == solved and self.rules[i].op != "unknown")
 
@@ -250,9 +250,9 @@ class SeriesProgram:
         return any(stage.plan.multipliers for stage in self.stages) and not self.hides_growth
 
     def _needed(self, outputs: list[int]) -> list[int]:
-        """Return the indices `outputs`, and those of all values that they read at the same order.
+        """Return the indices `outputs`, and the indices of all values that they read at the same order.
 
-        The indices are those of series values, in the order of computation.
+        All are indices of series values, in the order of computation.
         """
         marked = set(outputs)
         for i in range(len(self.rules) - 1, -1, -1):
@@ -272,7 +272,7 @@ def convolutions(rules: Sequence[SeriesRule]) -> int:
 def kept_values(rules: Sequence[SeriesRule], *, ranked: bool = False) -> frozenset[int]:
     """Return the indices of the series values whose coefficients of lower orders some rule reads.
 
-    If `ranked`, they are those whose coefficients x[j] are read multiplied by the order j.
+    If `ranked`, these are the values whose coefficients x[j] are read multiplied by the order j.
     """
     return frozenset(
         i if factor.argument == OWN else rule.args[factor.argument]
@@ -284,9 +284,9 @@ def kept_values(rules: Sequence[SeriesRule], *, ranked: bool = False) -> frozens
 
 
 def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, ...]:
-    """Return those of the series values `rates` (dq/dt) that a rule computes.
+    """Return the indices, among `rates` (the series values of dq/dt), of values that a rule computes.
 
-    The others are unknowns of a linear system. Values are given by their indices.
+    The other values are unknowns of a linear system.
     """
     return tuple(rate for rate in rates if rules[rate].op != "unknown")
 

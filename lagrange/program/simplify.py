@@ -1,7 +1,7 @@
 """Rewrite a program with fewer operations, for machines on which each operation is a call. Only rounding differs.
 
 Signs are moved to operations that absorb them without cost. A multiply-add becomes two operations, so that products can
-be shared. Derivatives of an angle between two links give sums with F*(u - v) and F*v; these become F*u.
+be shared. Derivatives of an angle between two links give sums with F*(u - v) and F*v; these sums become F*u.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 from lagrange.program.program import GIVEN, Instruction, Program, arranged, uses_of
 
 LONGEST_PROGRAM = 4000
-"""Largest number of instructions of a program that is simplified: 10 us each."""
+"""Largest number of instructions of a program that is simplified. Simplification takes 10 us for each instruction."""
 
 MOST_COMPARED_TERMS = 40
-"""Largest number of terms of a sum, or factors of a product, that is searched, because each term is compared with all
-others.
+"""Largest number of terms of a sum, or factors of a product, that are searched for savings, because each is compared
+with all others.
 """
 
 ODD, EVEN = ("mul", "div"), ("abs", "cos")
@@ -41,7 +41,8 @@ Term = tuple[bool, tuple[int, ...]]
 def simplified(program: Program) -> Program:
     """Return an equivalent program with fewer operations.
 
-    It is `program` itself if no operation can be saved, or for more than `LONGEST_PROGRAM` instructions.
+    The result is `program` itself if no operation can be saved, or if it has more than `LONGEST_PROGRAM`
+    instructions.
     """
     if len(program.instructions) > LONGEST_PROGRAM:
         return program
@@ -80,7 +81,7 @@ class _Simplifier:
             self.values.append(value)
             if uses > 1:
                 self.sums.pop(value.ref, None)
-        outputs = [self.unsigned(ref) for ref in self.program.outputs]
+        outputs = [self.unsigned(self.values[ref]) for ref in self.program.outputs]
         instructions, hoisted, refs = arranged(self.code, outputs, self.hoisted.__getitem__)
         return replace(self.program, instructions=instructions, hoisted=hoisted, outputs=refs)
 
@@ -116,7 +117,7 @@ class _Simplifier:
         if instruction.op in SUMS:
             first, second = operands
             return self.sum(first, Signed(second.ref, second.negative != (instruction.op == "sub")))
-        args = [value.ref if instruction.op in EVEN else self.unsigned_of(value) for value in operands]
+        args = [value.ref if instruction.op in EVEN else self.unsigned(value) for value in operands]
         data = {name: getattr(instruction, name) for name in ("place", "value", "order", "negative")}
         return Signed(self.emit(instruction.op, *args, **data))
 
@@ -144,27 +145,17 @@ class _Simplifier:
             return Signed(self.emit("add", a.ref, b.ref), a.negative)
         return Signed(self.emit("sub", *((b.ref, a.ref) if a.negative else (a.ref, b.ref))))
 
-    def unsigned(self, ref: int) -> int:
-        """Return the index of an instruction of the new program for the result `ref` of the old one.
-
-        A negative sign is applied by a further operation.
-        """
-        return self.unsigned_of(self.values[ref])
-
-    def unsigned_of(self, value: Signed) -> int:
-        """Return the index of an instruction that computes a signed value.
-
-        A negative sign is applied by a further operation.
-        """
+    def unsigned(self, value: Signed) -> int:
+        """Return the index of an instruction that computes a signed value; its sign may take a further operation."""
         if not value.negative:
             return value.ref
         free = self.negative_of(value.ref, 0)
         return self.emit("neg", value.ref) if free is None else free
 
     def negative_of(self, ref: int, readers: int) -> int | None:
-        """Return the index of a result that is the negative of the result `ref`, if that costs no further operation.
+        """Return the index of a result that is the negative of the result `ref` without a further operation.
 
-        Return None if it costs one, or if more than `readers` instructions read the result.
+        Return None if the negative needs an operation, or if more than `readers` instructions read the result.
         """
         instruction = self.code[ref]
         if instruction.op == "constant":
@@ -198,7 +189,7 @@ class _Simplifier:
     def terms(self, value: Signed) -> list[Term]:
         """Return a value as a list of terms (True if subtracted, indices of the factors).
 
-        There are several terms for a sum that nothing else reads, otherwise one.
+        A sum that no other instruction reads has several terms; any other value is one term.
         """
         terms = self.sums.get(value.ref, [(False, self.factors[value.ref])])
         return [(negative != value.negative, factors) for negative, factors in terms]

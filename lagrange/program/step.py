@@ -1,7 +1,7 @@
 """A step of an integrator as a program, traced from plain Python, and its step size control: safety, growth limits.
 
-A step function `step(f, t, y, h)` uses only f, sums, differences and multiples by numbers made of t and h. Given
-arrays it computes. With the `TracedVector`s of this module its operations are recorded, for a machine to compile:
+A step function `step(f, t, y, h)` uses only f, sums, differences and multiples by numbers made of t and h. With arrays
+as arguments it computes. With the `TracedVector`s of this module its operations are recorded, for a machine to compile:
 every argument and result is a linear combination of the state and of earlier slopes. The function f is one of `LAWS`.
 
 An implicit step has one more argument, `solve`, which introduces unknown vectors. Backward Euler is
@@ -9,8 +9,8 @@ An implicit step has one more argument, `solve`, which introduces unknown vector
     k = solve(lambda k: f(t + h, y + k * h) - k, lambda: f(t, y))
     return y + k * h
 
-and a machine finds k by Newton's method, whose matrix follows from the recorded operations: a residual is a
-combination of unknowns and of calls at combinations of unknowns.
+and a machine finds k by Newton's method, whose matrix follows from the recorded operations: a residual is a combination
+of unknowns and of calls at combinations of unknowns.
 """
 
 from __future__ import annotations
@@ -28,14 +28,15 @@ from lagrange.program.program import Program
 
 Combination = tuple[tuple[int, Node], ...]
 """A linear combination of vectors: pairs (number of the vector, coefficient). State vectors come first, then results of
-calls and solves, in order."""
+calls and solves, in order.
+"""
 
 
 def parts(combination: Combination, h: Node) -> tuple[Combination, tuple[tuple[int, Exact], ...]]:
-    """Return the terms of a linear combination in two groups: those without the factor h, and those with it.
+    """Return the terms of a linear combination in two groups: terms without the factor h, and terms with it.
 
-    A term is (index of a vector, coefficient). In the second group a coefficient c h is given as the exact number c:
-    the sum of this group is multiplied by the step size h.
+    A term is (index of a vector, coefficient). In the second group a coefficient c h is given as the exact number
+    c: the sum of this group is multiplied by the step size h.
     """
     plain, scaled = [], []
     for vector, node in combination:
@@ -58,7 +59,7 @@ class Law:
     """The function of the model that a step evaluates, such as the right-hand side.
 
     `states`, `arguments` and `results` count the vectors of the state, of the arguments of a call, and of its
-    results. `quantity` is the name of the model's quantity that a call evaluates, and `derivative` that of its
+    results. `quantity` is the name of the model's quantity that a call evaluates, and `derivative` the name of its
     derivative by the arguments. `inputs` is the number of vectors of n entries that both quantities read.
     """
 
@@ -110,18 +111,18 @@ class LawCall:
 
     @property
     def argument(self) -> Combination:
-        """The first argument of the call. Only laws with two state vectors have a second one."""
+        """The first argument of the call. Laws with two state vectors may have more arguments."""
         return self.arguments[0]
 
 
 @dataclass(frozen=True, eq=False)
 class Solve:
-    """Unknown vectors that make the `residuals` zero. They have the indices from `first` on.
+    """Unknown vectors that make the `residuals` zero. The unknowns have the indices from `first` on.
 
-    `calls` are the calls inside the residuals; they may depend on the unknowns but not on each other. `guesses` are the
-    start values of Newton's method if no previous steps can be extrapolated; `preparation` are the calls that the
-    guesses need. `predicted` extrapolates the unknowns of the previous step, which have the same indices. Without it,
-    steps of equal size are extrapolated by a polynomial.
+    `calls` are the calls inside the residuals; they may depend on the unknowns but not on each other. `guesses` are
+    the start values of Newton's method if no previous steps can be extrapolated; `preparation` are the calls that
+    the guesses need. `predicted` extrapolates the unknowns of the previous step, which have the same indices.
+    Without it, steps of equal size are extrapolated by a polynomial.
     """
 
     first: int
@@ -189,9 +190,9 @@ class Control:
 class StepProgram:
     """A step as a program in t and h: `actions` in order, then the new state vectors and the error vectors.
 
-    With a `starter`, a step also reads the state one step before, whose vectors are numbered after those of the state.
-    The starter is a step program without such a state; it takes the first step and any step of another length. `ratio`
-    is h over the length of the previous step.
+    With a `starter`, a step also reads the state one step before, whose vectors are numbered after the vectors of
+    the state. The starter is a step program that does not read this state; it takes the first step and any step of
+    another length. `ratio` is h over the length of the previous step.
     """
 
     name: str
@@ -296,7 +297,7 @@ def trace(
 
     The function returns the new state, or (new state, error, ...) with a `control`. With a law of two state vectors
     ("accelerations", "momentum", "constrained") it returns (q, v) and errors of both. An `implicit` function gets
-    `solve` as its last argument. One with a `starter` gets the state one step before after the state. Raises
+    `solve` as its last argument. A function with a `starter` gets the state one step before after the state. Raises
     StatementError if the function does anything other than combine vectors.
     """
     graph = Graph()
@@ -475,7 +476,7 @@ class Recorder:
         if self.inside is not None:
             raise StatementError(f"step function {self.name} calls solve inside a residual: call it outside.")
         preparation, guesses, several = self._within(guess if callable(guess) else lambda: guess)
-        # The guess has its own scope: a call in it is not one of the residual.
+        # The guess has its own scope: a call in the guess is not a call of the residual.
         for call in preparation:
             for i in range(call.first, call.first + self.law.results):
                 del self.inner[i]

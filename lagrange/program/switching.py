@@ -1,7 +1,7 @@
-"""Switching surfaces: abs, sign, min, max and conditions as smooth expressions with the sides of surfaces as constants.
+"""Switching surfaces: abs, sign, min, max and conditions as smooth expressions with the signs of surfaces as constants.
 
-A series holds on one side of a surface only. The value of a switch depends on the sign of some smooth g(q, v, t). Each
-g gets a symbol, its side: 1 where g > 0, -1 where g < 0 and 0 while g stays zero. The sides are constants of the
+A series is valid on one side of a surface only. The value of a switch depends on the sign of some smooth g(q, v, t).
+Each g gets a symbol, its side: 1 where g > 0, -1 where g < 0 and 0 while g stays zero. The sides are constants of the
 series: abs(a) is side * a, sign(a) is the side itself, and a condition is a condition on sides. The driver of the
 series watches each g, ends a step on its surface, and continues with the other side. In a branch that is not taken, g
 counts as 1.
@@ -45,8 +45,8 @@ class Switched:
 def switch(graph: Graph, outputs: Sequence[Node]) -> Switched:
     """Replace every switch that depends on the motion by an expression in the side (the sign) of its surface.
 
-    Switches of parameters alone remain. Steps also end at jumps of an atan2 in an event, which is one of the outputs.
-    Its series is smooth through the jump, and would not show zeros after it.
+    Switches of parameters alone remain. Steps also end at jumps of an atan2 in an event, which is one of the
+    outputs. Its series is smooth through the jump, and would not show zeros after the jump.
     """
     switches = _Switches(graph, read_when(graph, outputs), _with_sides(outputs))
     table: dict[Node, Node] = {}
@@ -102,7 +102,8 @@ class _Switches:
     def condition(self, surface: int) -> Node:
         """Return the condition under which the function of switching surface number `surface` has a value.
 
-        It is the condition of the branch that contains the function, or 1 (true) if the function always has a value.
+        The result is the condition of the branch that contains the function, or 1 (true) if the function always has a
+        value.
         """
         undefined = limited(self.expressions[surface], self.limited)
         return self.conditions[surface] if undefined else self.graph.one
@@ -146,7 +147,7 @@ class _Switches:
 def _with_sides(outputs: Sequence[Node]) -> Mapping[Node, None]:
     """Return the nodes of the outputs at whose jumps a step must end.
 
-    The angle in sin(3*atan2(y, x)) is not among them if it is used nowhere else: it may jump by 2 pi.
+    The angle in sin(3*atan2(y, x)) is left out if it is used nowhere else: it may jump by 2 pi.
     """
     nodes: dict[Node, None] = {}
     waiting = [*outputs]

@@ -1,4 +1,4 @@
-"""Series program of a system: its equations in the form with the least cost."""
+"""Series program of a system, for Taylor methods: its equations of motion in the form with the least cost."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ nodes.
 
 
 def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> tuple[Parts, Switched]:
-    """Return the nodes of the equations of motion and the `watched` ones, with smooth expressions for switches.
+    """Return the nodes of the equations of motion and the `watched` nodes, with smooth expressions for switches.
 
     In the watched nodes, symbols replace accelerations and multipliers that a linear system determines.
     """
@@ -172,14 +172,14 @@ class _Assembly:
 
     @property
     def matrix(self) -> list[list[Node]]:
-        """The matrix of the equations of motion, M or [[M, G^T], [G, 0]]."""
+        """The matrix of the equations of motion: M, or [[M, G^T], [G, 0]] for a system with constraints."""
         size, zero = len(self.equations.matrix), self.equations.graph.zero
         return [[self.entries.get((i, j), zero) for j in range(size)] for i in range(size)]
 
     def balance(self, right: Sequence[Node]) -> list[Node]:
         """Return the residuals M a - h - G^T lambda and G a + gamma, with symbols for a and -lambda.
 
-        `right` are the right-hand sides h and -gamma; if it is empty, so is the result. The residuals are zero along
+        `right` are the right-hand sides h and -gamma. If it is empty, the result is empty. The residuals are zero along
         the motion. Their Taylor coefficients with the unknowns a and -lambda set to zero are the right-hand sides of
         the linear system for the coefficients of the unknowns.
         """
@@ -223,7 +223,7 @@ class _Assembly:
     def inertia(self, i: int) -> list[tuple[int, Node]]:
         """Return momentum number i as terms (index of a series value, constant factor); empty for zero.
 
-        For a constant mass matrix they add up to entry i of M v.
+        For a constant mass matrix the terms add up to entry i of M v.
         """
         known, b, e = self.momenta[i], self.builder, self.equations
         if known is not None:

@@ -1,8 +1,8 @@
-"""Build a procedure from a rewritten function: each step of the function adds statements to it.
+"""Build a procedure from a rewritten function: each step of the function adds statements to the procedure.
 
 Values known at build time (numbers, options, layouts, tuples) remain Python values. A condition on such values selects
-a branch, and a loop over them is unrolled. A name whose number is set again by a branch or loop becomes a variable,
-declared before the branch or loop.
+a branch, and a loop over them is unrolled. If a branch or loop sets the number of a name again, the name becomes a
+variable, declared before the branch or loop.
 """
 
 from __future__ import annotations
@@ -44,7 +44,9 @@ from lagrange.procedure.interpreter import OPERATIONS as EXACT
 from lagrange.procedure.values import Flag, Memory, RecordFields, Value, Whole
 
 UNSAFE = ("quotient", "whole")
-"""Operations that may stop a processor for some operands. They are computed under their condition only."""
+"""Operations that may stop a processor for some operands. In a conditional expression they are computed only if their
+branch is taken.
+"""
 
 CONTAINERS: tuple[Any, ...] = (tuple, list, dict, zip, enumerate, reversed, len, dataclasses.replace, clear)
 """Python functions that rearrange a container, bundle or record without computing with the values in it."""
@@ -58,7 +60,7 @@ class Local:
 
 
 class Tracer(Names):
-    """Builds a procedure: a rewritten function calls a method of it for each step, which adds statements.
+    """Builds a procedure: a rewritten function calls a method of the tracer for each step, which adds statements.
 
     `results` are the kinds of the procedure's results.
     """
@@ -112,7 +114,8 @@ class Tracer(Names):
         """Return the loop of an `each` with `count` iterations, which may run in any order.
 
         With `disjoint` the function promises that parts of an array do not overlap if one of them is written. The
-        options are `width` (the most iterations at a time), `spill` (these may write beyond `count`) and `unrolled`.
+        options are `width` (the most iterations at a time), `spill` (iterations may write beyond `count`) and
+        `unrolled`.
         """
         if self.iterations is not None:
             raise Error("an `each` is inside another `each`: use `range` for the inner one.")
@@ -232,7 +235,7 @@ class Tracer(Names):
     def is_pure(self, bodies: Sequence[list[Statement]], construct: str) -> bool:
         """Return True if blocks only compute values. If so, their statements are added to the present block.
 
-        `construct` names the expression in the error for other blocks inside an `each`, which are not allowed there.
+        `construct` names the expression in the error message: inside an `each` other blocks are not allowed.
         """
         statements = [statement for body in bodies for statement in body]
         pure = all(isinstance(s, (Get, Read)) or (isinstance(s, Let) and s.op not in UNSAFE) for s in statements)

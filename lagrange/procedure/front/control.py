@@ -1,6 +1,6 @@
-"""Names, branches and loops while a procedure is built: the values of names inside them and after them.
+"""Names, branches and loops while a procedure is built: the values of names inside a block and after it.
 
-A name that a branch or loop sets again is a variable, which is read after it.
+A name that a branch or loop sets again becomes a variable, which is read after the branch or loop.
 """
 
 from __future__ import annotations
@@ -211,11 +211,11 @@ class KnownBlock:
         return iter(self.iterations)
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return `values`, those of the Python names `names` at the start of the block. `anew` is not used."""
+        """Return `values`, the values of the Python names `names` at the start of the block. `anew` is not used."""
         return self.close(*values)
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Store the values of Python names at the end of a branch or iteration; return them for the next one."""
+        """Store the values of Python names at the end of a branch or iteration; return them for the next iteration."""
         self.values = values
         return values
 
@@ -269,7 +269,7 @@ class Block:
         self.has_ended = True
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Record the values of the block's Python names at its end. Return the values that they had at its start."""
+        """Record the values of the block's Python names at its end. Return the values of the names at its start."""
         for i, (old, new) in enumerate(zip(self.before, values, strict=True)):
             if old is not new:
                 self.lost.add(i)
@@ -285,7 +285,7 @@ class Block:
 class LoopBlock(Block):
     """A loop of the procedure whose body is built once for each item of `iterations`.
 
-    For a loop over a `range` that is one item, the index at run time. An inline generator gives the values that it
+    For a loop over a `range` there is one item, the index at run time. An inline generator gives the values that it
     yields, and its statements surround the body.
     """
 
@@ -359,7 +359,8 @@ class Branches(Block):
     def joined(self, name: str, kind: Kind, ways: Sequence[tuple[list[Statement], Any]]) -> Variable:
         """Return a new variable for a Python name; a statement at the end of each branch sets it.
 
-        `kind` is its kind. `ways` has a pair for each branch: its statements, and the value of the name at its end.
+        `kind` is the kind of the variable. `ways` has a pair for each branch: its statements, and the value of the name
+        at its end.
         """
         tracer = self.tracer
         variable = tracer.p.variable(ZERO[kind], name)
@@ -385,7 +386,7 @@ class EachBlock(Block):
         """
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return `values`, those of the Python names `names` inside an iteration.
+        """Return `values`, the values of the Python names `names` inside an iteration.
 
         Raises Error if a name has a value before the loop. `anew` is not used.
         """
@@ -424,9 +425,9 @@ class EachBlock(Block):
     def check(self) -> None:
         """Raise Error if the result of this `each` may depend on the order of its iterations.
 
-        It does if one iteration writes an element of an array that another iteration may read or write. Each
-        iteration may use the element at its own index, in one part of the array. An `each` that is declared disjoint
-        is not checked.
+        The result depends on it if one iteration writes an element of an array that another iteration may read or
+        write. Each iteration may use the element at its own index, in one part of the array. An `each` that is declared
+        disjoint is not checked.
         """
         written = {root: part for root, part, _, stored in self.visits if stored}
         for root, part, at_own_index, _ in self.visits:

@@ -129,7 +129,7 @@ def source_of(function: FunctionType) -> tuple[ast.FunctionDef, Mapping[int, str
 
 
 FILES: set[str] = set()
-"""Files that contain plain functions, for locations in messages."""
+"""Files that contain plain functions. Messages state lines in these files."""
 
 
 @cache
@@ -189,7 +189,7 @@ class Bundle:
 
 
 Stated = Kind | Array | Record | Callee | tuple["Stated", ...] | Bundle | type | None
-"""The type of a parameter: of a number, an array, a record, a function, a dataclass, several of these, or none."""
+"""The type of a parameter: a number, an array, a record, a function, a dataclass, a tuple of such types, or None."""
 
 
 class Located(LagrangeError):
@@ -237,7 +237,10 @@ class PlainFunction(Generic[Args, Result]):
 
 
 class Inline(PlainFunction[Args, Result]):
-    """A function that is inlined into its callers. It may take and return any object, and `yield` values to a loop."""
+    """A function that is inlined into its callers, with arguments and results of any type.
+
+    It may also `yield` values to a loop of its caller.
+    """
 
     inlined = True
 
@@ -271,7 +274,7 @@ class Plain(PlainFunction[Args, Result]):
         """Forms for known numbers, texts and options. A form for other objects is kept as long as these exist."""
 
     def form(self, **known: Any) -> Procedure:
-        """Return the procedure for these values of the static parameters. It is built once for each set of values."""
+        """Return the procedure for these values of the static parameters, built once for each set of values."""
         missing = [name for name in self.known if name not in known and self._default(name) is inspect.Parameter.empty]
         unknown = [name for name in known if name not in self.known]
         if missing or unknown:
@@ -376,7 +379,7 @@ def inline(function: Callable[Args, Result]) -> Inline[Args, Result]:
 
 
 def type_of(annotation: Any) -> Stated:
-    """Return the parameter type for an annotation. Raises Error if no type belongs to the annotation."""
+    """Return the parameter type for an annotation. Raises LagrangeError for an annotation without a type."""
     if annotation in KINDS:
         return KINDS[annotation]
     if isinstance(annotation, (Kind, Array, Record, Callee)):
@@ -413,7 +416,8 @@ def results_of(annotation: Any) -> tuple[Kind, ...]:
 def _parameter(p: Builder, name: str, stated: Stated) -> Any:
     """Add a parameter with a name and a type to the procedure that `p` builds, and return the parameter.
 
-    For a bundle, one parameter is added for each field. Its name begins with the name of the bundle.
+    For a bundle, one parameter is added for each field. If `stated` is a plain dataclass, the names of these
+    parameters begin with `name`.
     """
     if stated is None:
         return None

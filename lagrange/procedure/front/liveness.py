@@ -1,4 +1,4 @@
-"""Names that are carried out of a branch or loop: set in it, and read after it or in its next iteration.
+"""Live variables: names that a branch or loop sets, and that are read after it or in its next iteration.
 
 Only such names may have to be variables of a procedure. Every other name is a value inside its block. Source: A. V. Aho
 et al., Compilers, 2nd ed., 2006, section 9.2.5 (live variables), applied to a syntax tree.
@@ -16,7 +16,7 @@ NOTHING: Names = frozenset()
 
 
 class Carried(NamedTuple):
-    """The names that a branch or loop sets and that are read afterwards or in its next iteration."""
+    """Names of a branch or loop that are read after it, or in its next iteration: `on` are those that it sets."""
 
     on: Names
     anew: Names = NOTHING
@@ -43,7 +43,7 @@ class Mentions(NamedTuple):
     """Names that are read, or set in place, without the targets of comprehensions and functions."""
 
     stored: tuple[str, ...] = ()
-    """Names that are set, in order, without those of functions and comprehensions inside."""
+    """Names that are set, in order, without the names that functions and comprehensions inside set."""
 
     later: Names = NOTHING
     """Names that functions inside read when they are called later."""
@@ -81,7 +81,7 @@ def mentions(node: ast.AST) -> Mentions:
 
 EMPTY, RETURNS = Mentions(), Mentions(returns=True)
 LEAVES = ("ctx", "op", "ops", "annotation", "returns")
-"""Fields of syntax nodes that contain no names for run time."""
+"""Fields of syntax nodes without names that are read or set at run time."""
 
 
 def _children(node: ast.AST) -> Iterator[ast.AST]:

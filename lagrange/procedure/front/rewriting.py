@@ -1,8 +1,8 @@
-"""Rewrite a plain function so that it passes each of its steps to a receiver, which builds the procedure.
+"""Rewrite a plain function so that it passes each of its steps to a tracer, which builds the procedure.
 
-The receiver is the first argument, `_t`: a `building.Tracer`, which makes statements of the form. Operations of the
-values themselves (a + b, a < b, attributes) are unchanged. Control flow, names that branches and loops set, division,
-elements of arrays and calls become calls of the receiver:
+The tracer is the first argument, `_t`: a `building.Tracer`, which adds statements. Operations of the values themselves
+(a + b, a < b, attributes) are unchanged. Control flow, names that branches and loops set, division, elements of arrays
+and calls become calls of the tracer. It runs both branches, each in its own block:
 
     if a > b:                         _b0 = _t.branches(a > b)
         x = 1.0                       x, = _b0.open(("x",), (), x)
@@ -14,8 +14,6 @@ elements of arrays and calls become calls of the receiver:
                                               _b0.ended()
                                           x, = _b0.close(x)
                                       x, = _b0.after()
-
-The tracer runs both branches, each in its own block.
 """
 
 from __future__ import annotations
@@ -85,8 +83,8 @@ def put(target: str, value: ast.expr) -> ast.stmt:
 class Rewriter:
     """Rewrites the syntax tree of one plain function so that it builds a procedure by calls of a tracer.
 
-    `comments` are those of its module, by line. For a function inside another one, `outer` are the names in enclosing
-    functions that may be variables.
+    `comments` are the comments of its module, by line. An `inlined` function is rewritten to have a single return.
+    For a function inside another one, `outer` are the names in enclosing functions that may be variables.
     """
 
     def __init__(
@@ -218,7 +216,7 @@ class Rewriter:
         return told("fill", *destination, self.expression(value))
 
     def optional(self, x: ast.expr | None) -> ast.expr:
-        """Return the rewritten form of an expression, or the constant None for an omitted one."""
+        """Return the rewritten form of an expression, or the constant None if the expression is omitted."""
         return ast.Constant(None) if x is None else self.expression(x)
 
     def augmented(self, target: ast.expr, op: ast.operator, value: ast.expr) -> list[ast.stmt]:
@@ -256,7 +254,7 @@ class Rewriter:
         across = sorted(self.carried[s].across)
         if not across:
             return [first, *made]
-            # A name that one branch sets is not visible in the other.
+        # A name that one branch sets is not visible in the other.
         kept, loop = self.fresh(), made[1]
         assert isinstance(loop, ast.For)
         names = ast.Tuple([ast.Name(name, STORE) for name in across], STORE)
@@ -288,7 +286,7 @@ class Rewriter:
         return self.block_run(s, loop, source, index, self.carried_by(s), made)
 
     def carried_by(self, s: ast.stmt) -> list[str]:
-        """Return the names that are carried out of a branch or loop, in the order in which it sets them."""
+        """Return the names that a branch or loop sets and that are read later, in the order in which it sets them."""
         return [name for name in stored([s]) if name in self.carried[s].on]
 
     def block_run(
@@ -297,7 +295,8 @@ class Rewriter:
         """Return the rewritten branch or loop `s`: statements that open a block, run its body, and close it.
 
         The block object has the name `block`. It gets the values of `names` before the block and at the end of each
-        `body`, and returns those after the block. `body` is inside a loop over `source` with the variable `target`.
+        `body`, and returns their values after the block. `body` is inside a loop over `source` with the variable
+        `target`.
         """
         texts = ast.Tuple([ast.Constant(name) for name in names], LOAD)
         values = [named(name) for name in names]

@@ -47,22 +47,22 @@ class Writable(Protocol[Written]):
 
 
 In = Annotated[Readable[float], Array(REAL, read=True)]
-"""A parameter: an array of reals that is only read."""
+"""Type of a parameter that is an array of reals, which is only read."""
 
 Out = Annotated[Writable[float], Array(REAL)]
-"""A parameter: an array of reals that may be written."""
+"""Type of a parameter that is an array of reals, which may be written."""
 
 WholesIn = Annotated[Readable[int], Array(WHOLE, read=True)]
-"""A parameter: an array of whole numbers that is only read."""
+"""Type of a parameter that is an array of whole numbers, which is only read."""
 
 WholesOut = Annotated[Writable[int], Array(WHOLE)]
-"""A parameter: an array of whole numbers that may be written."""
+"""Type of a parameter that is an array of whole numbers, which may be written."""
 
 
 def each(count: int, **options: Any) -> range:
     """Return the indices below `count`, for a loop whose iterations may run in any order or several at once.
 
-    Of the `options`, `width` is the largest number of iterations at once. With `spill` these may overwrite array
+    Of the `options`, `width` is the largest number of iterations at once. With `spill` they may overwrite array
     entries from `count` on. With `unrolled` the iterations are written out. With `disjoint` the function promises
     that parts of an array do not overlap if one of them is written. Python runs one iteration after the other.
     """
@@ -190,7 +190,10 @@ def leaves(value: Any) -> Iterator[Any]:
 
 
 def generated(form: Procedure, *args: Any) -> Any:
-    """Call the procedure `form`, and return its results. Code has built it instead of a plain function."""
+    """Call the procedure `form`, which code has built instead of a plain function, and return its results.
+
+    The results are None, a value or a tuple of values.
+    """
     results = run(form, *leaves(args))
     return results[0] if len(results) == 1 else results or None
 
@@ -219,8 +222,8 @@ REDUCTIONS: Mapping[Callable[..., Any], str] = {
     magnitude: "magnitude",
     fma: "dot",
 }
-"""Functions f for which an `each` takes `x = f(x, value)`, or `x = fma(a, b, x)`, as a reduction; the values name the
-`form.Fold`.
+"""Functions f for which an `each` takes `x = f(x, value)`, or `x = fma(a, b, x)`, as a reduction. The values are the
+names of the reductions, as in `form.Fold`.
 """
 
 KINDS: Mapping[Any, Kind] = {float: REAL, int: WHOLE, bool: FLAG}
@@ -230,7 +233,7 @@ Class = TypeVar("Class", bound=type)
 
 
 def record_of(stated: Any) -> Record | None:
-    """Return the `form.Record`, the names and kinds of the fields, of a class declared by `@record`; else None."""
+    """Return the `form.Record` (names and kinds of the fields) of a class declared by `@record`, else None."""
     record = getattr(stated, "record", None)
     return record if isinstance(stated, type) and isinstance(record, Record) else None
 
