@@ -245,8 +245,7 @@ def module_of(
         program, projection = model.series()[0].program, procedures.get("projection")
         series = TaylorProcedures(program, prepared.size, least, projection, relations=relations)
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
-        taylor = prune(series.taylor())
-        integrators = (*integrators, ExportedIntegrator(TAYLOR, taylor, adaptive=True))
+        integrators = (*integrators, ExportedIntegrator(TAYLOR, prune(series.taylor()), adaptive=True))
     preparing = prune(preparing)
     p = prepared_numbers(preparing, size, statement, values)
     procedures |= {name: prune(procedures[name]) for name in programs}
@@ -272,6 +271,7 @@ def module_of(
         step_checks=tuple(step_check(item, p, statement) for item in integrators),
         run=_run(model, np.array(values)) if requested.main else None,
         divisors=alone,
+        about=" ".join(statement.about.split()),
     )
 
 

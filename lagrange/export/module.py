@@ -141,7 +141,7 @@ class ExportedRun:
 class SourceModule:
     """The content of an exported file, before it is written in a language.
 
-    - `statement` are lines of text about the system.
+    - `about` is the description of the system, or "". `statement` are lines of text about the system.
     - `state` and `parameters` are the names of the entries of the arrays `y` and `parameters`, as stated.
     - `values` are the values of the parameters, `inputs` the names of the parameters that may change during a run.
     - `units` are the stated units of state, parameters and t.
@@ -167,6 +167,7 @@ class SourceModule:
     run: ExportedRun | None = None
     inputs: tuple[str, ...] = ()
     divisors: Program | None = None
+    about: str = ""
 
     def quantity(self, name: str) -> ExportedQuantity | None:
         """Return a quantity by name, or None if it is not exported."""

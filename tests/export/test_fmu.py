@@ -7,6 +7,7 @@ import subprocess
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -223,8 +224,10 @@ def test_units_are_defined_and_given(tmp_path: Path) -> None:
         dimensions={x: "m", m: "kg", k: "N/m"},
         name="spring",
     )
-    for path in written(system, tmp_path, "energy").values():
+    described_system = lg.System.from_statement(replace(system.statement, about="A mass on a spring."))
+    for path in written(described_system, tmp_path, "energy").values():
         described = fmpy.read_model_description(str(path))
+        assert described.description == "A mass on a spring."
         about = {item.name: item.description for item in described.modelVariables}
         assert (about["x"], about["x_dot"], about["m"]) == ("coordinate", "velocity of x", "parameter")
         units = {item.name: item.unit for item in described.modelVariables if item.unit and item.name != "time"}

@@ -170,7 +170,7 @@ def _description(
         "fmiVersion": version,
         "modelName": module.name,
         token[0]: token[1],
-        "description": next((line for line in module.statement[1:] if line), ""),
+        "description": module.about,
         "generationTool": generator(),
         "variableNamingConvention": "flat",
         "numberOfEventIndicators": events,
