@@ -1,4 +1,4 @@
-"""Jobs of an ensemble: common data of members, chunks and their sizes, threads or an executor, collected results."""
+"""Run the members of an ensemble in chunks, on threads or by an executor, and collect their results."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Engine = RunEngine | FlowEngine | LaneEngine
 """Object that runs members, `side_by_side` at the same time. A member's result depends only on its initial values."""
 
 ENGINES_KEPT = 4
-"""Largest number of jobs that a worker keeps compiled. The oldest is dropped."""
+"""Largest number of ensembles whose compiled code a worker process keeps. The oldest code is dropped."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +93,11 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class ChunkResult:
-    """The results of a chunk, the seconds that it took, and how its members were run.
+    """The results `ends` of a chunk of members, and how they were run.
 
-    `side_by_side` is the number of members that run at the same time. `processor` names the processor for which
-    another process compiled the code. It is "" for chunks of this process, and for runs without compiled code.
+    `seconds` is the time that the chunk took. `form` describes in words how its members were run, and `side_by_side` is
+    the number of members that ran at the same time. `processor` names the processor for which another process compiled
+    the code. It is "" for chunks of this process, and for runs without compiled code.
     """
 
     ends: Results
@@ -111,7 +112,11 @@ _LOCK = Lock()
 
 
 def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
-    """Run a chunk of members in a worker process, for a pickled `job`. The process compiles each job once."""
+    """Run a chunk of members in a worker process, and return their results.
+
+    `job` is the pickled `Job` of the ensemble, which the process compiles once. `starts` has the initial values of the
+    members.
+    """
     key = hashlib.sha256(job).digest()
     with _LOCK:
         if key not in _ENGINES:
@@ -151,9 +156,9 @@ CHUNKS_PER_WORKER = 2
 """Number of chunks submitted for each worker of an executor: one runs, and the next one waits."""
 
 AT_ONCE, SENT = 0.1, 0.5
-"""Duration of a chunk in seconds, on threads and by an executor. On threads 0.1 s is not noticed as a delay. An
-executor needs some milliseconds of this process for each chunk: with 0.1 s two workers of Dask take 1.07 times as long.
-"""
+"""Planned duration of a chunk of members in seconds: on threads, and by an executor. A delay of 0.1 s is not noticed.
+An executor costs this process some milliseconds for each chunk. With chunks of 0.1 s, two workers of Dask would take
+1.07 times as long."""
 
 
 class ThreadRunner:
@@ -220,7 +225,8 @@ Runner = ThreadRunner | ExecutorRunner
 
 
 FIRST_CHUNK, LARGEST_CHUNK = 8, 65536
-"""Number of members in the first chunks (one vector), before their duration is known; largest number in a chunk."""
+"""Number of members in each of the first chunks, whose duration is not yet known, and largest number of members in a
+chunk."""
 
 GOES_ON = "With store= the same call goes on where this one stopped."
 
@@ -232,8 +238,8 @@ def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: R
     """Run the members of `blocks`, pairs (first, end) with end excluded, in chunks, in order of their index.
 
     `runner` runs the chunks, on threads or by an executor. `take` is called in this thread with the results of each
-    chunk, in the order in which chunks finish. After an error or Ctrl-C, running chunks are awaited and their results
-    are taken, too.
+    chunk, in the order in which chunks finish. After an error or Ctrl-C, the running chunks finish, and `take` gets
+    their results, too.
     """
     size = FIRST_CHUNK
     done: SimpleQueue[tuple[int, int, Any]] = SimpleQueue()
@@ -330,9 +336,9 @@ class ResultCollector:
 
     `processor` names the processor for which this process compiles, or is "". `store` is called with the index of the
     first member of a chunk and the chunk's results. `before` is the number of members that had results at the start of
-    the call, and `ran` the number of those that were run since then. `report` is called with the sum of the two
-    numbers, or is None. `forms` are the ways in which members were run, and `processors` those for which other
-    processes compiled, in order.
+    the call, and `ran` the number of members that were run since then. `report` is called with `before` + `ran`, or is
+    None. The keys of `forms` are descriptions of how members were run. The keys of `processors` are the processors for
+    which other processes compiled.
     """
 
     processor: str
@@ -355,7 +361,7 @@ class ResultCollector:
 
     @property
     def form(self) -> str:
-        """Text on how members were run, with a note if their last digits may differ from those of this machine."""
+        """Text on how members were run, with a note if the last digits may differ from results of this machine."""
         notes = ["; ".join(self.forms) or "all members were stored"]
         if self.processor and any(form.endswith(BY_NUMPY) for form in self.forms):
             notes.append("a worker has no llvmlite")
@@ -365,7 +371,10 @@ class ResultCollector:
 
 
 def results_in_memory(job: Job, table: MemberTable) -> Results:
-    """Return arrays for the results of an ensemble. Raises StatementError if they need a quarter of the memory."""
+    """Return empty arrays for the results of an ensemble.
+
+    Raises StatementError if they exceed a quarter of the memory.
+    """
     members, columns = len(table), job.columns
     size, limit = members * sum(column.bytes for column in columns), machine_memory() / MEMORY_DIVISOR
     if size > limit:

@@ -1,4 +1,4 @@
-"""Members in vector lanes, one member in each lane: the compiled code, and the engine that runs it."""
+"""Run members of an ensemble in vector lanes, one member in each lane: generate, compile and call the code."""
 
 from __future__ import annotations
 
@@ -66,9 +66,9 @@ from lagrange.trajectory.plan import Plan, StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 MOST_WRITTEN_OUT = 3500
-"""Largest number of operations of a series that is printed without a loop over orders. Time without the loop relative
-to that with it: 0.97 for a triple pendulum (2,900 operations), 1.03 for a chain of four links (4,000), 1.17 for a chain
-of ten (10,600). All of them take twice as long to compile."""
+"""Largest number of operations of a Taylor series whose code is unrolled over its orders. The unrolled code takes 0.97
+times as long as a loop for a triple pendulum (2,900 operations), 1.03 times for a chain of four links (4,000), and 1.17
+times for a chain of ten (10,600). Compiling the unrolled code takes twice as long."""
 
 ABOUT = "Write the parameters, then all values that depend only on them."
 
@@ -111,10 +111,10 @@ class Compiled:
 
 
 class _Parts(NamedTuple):
-    """The parts from which the procedure of members is generated, for each method.
+    """The procedures from which the code that runs members is generated.
 
-    `kernels` are procedures by name: the law of the steps, "rhs", "watched". `numbers` are the numbers of the system,
-    `observed` the energy and momenta, and `sampled` the expressions that are reduced, or None.
+    `kernels` are procedures by the names of `_programs`. `numbers` computes the values that depend only on parameters,
+    and `observed` the energy and momenta. `sampled` computes the expressions that are reduced, or is None.
     """
 
     kernels: Mapping[str, Procedure]
@@ -158,8 +158,8 @@ def compiled_members(model: Model, plan: Plan, tasks: MemberTasks) -> Compiled:
 def _programs(model: Model, plan: Plan, tasks: MemberTasks, expressions: tuple[Node, ...]) -> dict[str, Program]:
     """Return the programs that the code of members evaluates, by name.
 
-    They are "rhs", "energy", "momenta", and, as far as needed, "step" (the law of a step), "watched" (the event
-    functions) and "expressions", those that are reduced.
+    They are "rhs", "energy" and "momenta". If they are needed, there are also "step" (the accelerations or forces that
+    a step program evaluates), "watched" (the event functions) and "expressions" (the reduced expressions).
     """
     programs = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
     if isinstance(plan, StepPlan):
@@ -177,8 +177,8 @@ def _sampled(
 ) -> Sampled:
     """Return the expressions that are reduced along the steps, each of which is evaluated once.
 
-    `nodes` are the expressions of the `reductions`. The procedure `evaluating`, made from `program`, computes the
-    different ones.
+    `nodes` are the expressions of the `reductions`. The procedure `evaluating`, made from `program`, computes each
+    different expression.
     """
     different = list(dict.fromkeys(nodes))
     places = tuple((reduction.how, different.index(node)) for reduction, node in zip(reductions, nodes, strict=True))
@@ -229,12 +229,12 @@ def _step_members(
 _COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
 
 MOST_LANE_OPERATIONS = 30_000
-"""Largest number of operations of a series that lanes compute: above it the coefficients of eight members leave the
-cache. Time in lanes relative to single runs: 0.6 for five bodies in space (10,000 to 16,000 operations), 0.8 to 0.95
-for seven (21,000 to 33,000), 1.1 for nine (40,000 to 56,000)."""
+"""Largest number of operations of a Taylor series for members in lanes. Above it, the coefficients of eight members
+exceed the cache. Time in lanes relative to single runs: 0.6 for five bodies in space (10,000 to 16,000 operations), 0.8
+to 0.95 for seven (21,000 to 33,000), 1.1 for nine (40,000 to 56,000)."""
 
 UNDECIDED = 255
-"""Code of an outcome after which only a single run can determine the status."""
+"""Status code of a member whose status only a single run can determine."""
 
 _STATUSES = {
     Outcome.DONE: Status.SUCCESS,
@@ -334,8 +334,8 @@ class LaneEngine:
         """Return a mask (m,) of members that ended early for an unknown cause, and have to run again one by one.
 
         `states` (m, 2n), `times` (m,) and status `codes` (m,) are the ends of the runs. With events, the mask has all
-        members that ended early without an event, except those that reached the step limit. Without events, it has
-        those that took no step, and those whose mass matrix may have become singular. Codes are changed in place:
+        members that ended early without an event, except members that reached the step limit. Without events, it has
+        members that took no step, and members whose mass matrix may have become singular. Codes are changed in place:
         STUCK (steps too small) becomes LOST (not finite) where a small step along the slope leaves the domain of the
         equations.
         """

@@ -33,7 +33,8 @@ OUTPUT_TIME = "t"
 class Column(NamedTuple):
     """The description of a result column, an array with a row for each member.
 
-    It has the name of the column, the shape and the dtype (`kind`) of a row, and the value `blank` of unwritten rows.
+    `name` is the name of the column. A row has the shape `shape` and the dtype `kind`. Rows without a result have the
+    value `blank`.
     """
 
     name: str
@@ -47,7 +48,7 @@ class Column(NamedTuple):
 
     @property
     def dimensions(self) -> tuple[str, ...]:
-        """The names of the array's dimensions in a store, without the first, that of the members.
+        """The names of the array's dimensions in a store, after the first dimension, which is that of the members.
 
         A column of states has one dimension less: its entries are stored as separate variables.
         """
@@ -64,7 +65,7 @@ class Column(NamedTuple):
 class Reduction(NamedTuple):
     """An expression that is reduced to one number along a run, such as its largest value.
 
-    `name` is the name of the result column, and `how` that of the reduction, such as "max".
+    `name` is the name of the result column, and `how` the name of the reduction, such as "max".
     """
 
     name: str
@@ -193,7 +194,7 @@ def _is_pair(entry: Any) -> bool:
 
 
 def _is_first(entry: Any) -> bool:
-    """Return True for a pair such as ("events", 3), which asks for the first 3 occurrences of each event."""
+    """Return True for a pair such as ("events", 3), which selects the first 3 occurrences of each event."""
     return _is_pair(entry) and entry[0] == EVENTS and not isinstance(entry[1], (str, list, tuple))
 
 
@@ -223,14 +224,14 @@ def _written(expression: Any, model: Model) -> str:
 
 
 STEPS_AT_ONCE = 16384
-"""Number of steps whose points are evaluated in one call."""
+"""Number of steps whose sample points are evaluated in one call."""
 
 OVERSHOOT = 2.5
-"""Bound of how far a maximum on a step exceeds its samples, in units of their largest change from one to the next.
+"""Largest excess of a maximum within a step over the sampled values, in units of the largest change between
+neighbouring samples.
 
-The search `raised` takes slopes to be at most twice those between samples. Neighbouring distances of samples differ by
-at most a factor of 2.3.
-"""
+The search `raised` assumes that a slope is at most twice the slope between neighbouring samples, whose distances differ
+by at most a factor of 2.3."""
 
 NONE = np.empty(0)
 """Empty work array for the search of extremes, because the dense output of a run needs no memory for polynomials."""
@@ -270,7 +271,7 @@ class SampledRun:
         return results
 
     def _largest(self, expression: Any, sign: float, times: FloatArray, values: FloatArray, best: float) -> float:
-        """Return the largest of sign * expression on some steps, or its largest value before, `best`.
+        """Return the larger of `best` and the largest value of sign * expression on some steps.
 
         `times` and `values` (k, SAMPLE_POINTS) are the sample points of the k steps, and the expression there.
         """
@@ -285,7 +286,10 @@ class SampledRun:
         return best
 
     def _inside(self, expression: Any, begin: float, length: float, fraction: float, *_: Any) -> float:
-        """Return an expression at a fraction of the step from the time `begin`. Further arguments are not used."""
+        """Return an expression at a `fraction` of the step from `begin` to `begin` + `length`.
+
+        Further arguments are not used.
+        """
         times = np.array([begin + fraction * length])
         return float(self._values(expression, times, self.run.dense(times))[0])
 
@@ -294,8 +298,8 @@ class SampledRun:
     ) -> FloatArray:
         """Return the values (K,) of an expression at times (K,) and states (2n, K) of the run.
 
-        `parameters` are (k, K), one column for each time. By default they are those of the member, or those that its
-        events have set.
+        `parameters` are (k, K), one column for each time. By default they are the parameters of the member, or the
+        values that its events have set.
         """
         values = self.run.parameters_at(times, self.parameters) if parameters is None else parameters
         return self.model.evaluate_expression(expression, times, states, values)
@@ -316,7 +320,7 @@ class SampledRun:
         return points.reshape(len(begin), -1)
 
     def _steps(self) -> Iterator[tuple[FloatArray, FloatArray, Parameters]]:
-        """Yield samples of the run in groups of k successive steps, at K = `SAMPLE_POINTS` points of each step.
+        """Yield samples of the run in groups of k successive steps, at K points of each step, which `lobatto` defines.
 
         A group has the times (k, K), the states (2n, k * K), and the parameters, (p, k * K), or (p,) if they do not
         change. A reset counts as a step of length zero.

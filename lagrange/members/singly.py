@@ -1,4 +1,4 @@
-"""Members that run one by one, each as a separate run or by the flow of a model; and the energies of members."""
+"""Run members of an ensemble one by one, each as a separate run or by the flow of the model; test their energies."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 class Energies:
     """States of m members at their start, `before`, and end, `after`, (m, 2n), with their energies and momenta.
 
-    `first` (m, 1 + n) has the energy, then the momenta, at the start, and `last` (m, 1 + n) those at the end.
+    `first` (m, 1 + n) has the energy, then the momenta, at the start. `last` (m, 1 + n) has the same quantities at the
+    end.
     """
 
     before: FloatArray
@@ -274,4 +275,4 @@ class FlowEngine:
 
 
 BY_FLOW = frozenset((STATE, TIME, STATUS))
-"""Names of the results that a flow can give."""
+"""Names of the result columns that a flow can compute."""

@@ -38,11 +38,13 @@ if sys.platform != "win32":
     import fcntl
 
 LOCK = ".lock"
-"""Name of the lock file, which contains the writing process. It is removed at the end; a stale one has no effect."""
+"""Name of the lock file. It contains the name of the writing process, and is removed at the end. The file of a killed
+process has no effect."""
 
 _HELD: set[str] = set()
 _CHANGING = threading.Lock()
-"""Stores to which this process writes. System locks exclude other processes, but not other threads."""
+"""Paths of the stores to which this process writes, and the lock of this set. The lock file excludes other processes,
+but not other threads of this process."""
 
 
 class StoreLock:
@@ -300,7 +302,8 @@ def variables_of(job: Job, table: MemberTable, begin: int, end: int, results: Re
 
 
 BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
-"""Size of a block in bytes, about 8 MB, and its largest number of members: a thousand files for a billion numbers."""
+"""Size of a block in bytes (8 MB), and its largest number of members. A store of a billion numbers has a thousand
+files."""
 
 MOST_BLOCKS = 10**6
 """Largest number of blocks of a store (8 TB of results), because each block has a file for every variable."""

@@ -49,8 +49,8 @@ def start_name(label: str, names: Collection[str]) -> str:
 def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequence[str], *, store: bool) -> None:
     """Raise StatementError if a coordinate, velocity or varying parameter has the name of another result.
 
-    `columns` are the results, `names` the entries of the state, and `labels` the names of values that vary. With
-    `store` the variables of a store are taken into account, too.
+    `columns` are the results, `names` the entries of the state, and `labels` the names of values that vary. If `store`
+    is True, the names of a store's own variables count, too.
     """
     kept = {column.name for column in columns}
     taken = {MEMBER, *kept - {STATE, OUTPUTS}, *((CHECKSUM,) if store else ())}
@@ -155,7 +155,7 @@ def _steps(method: Any) -> str | None:
 def difference(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
     """Return a text that lists the entries in which two descriptions of an ensemble differ, or "" if they are equal.
 
-    `stored` is the description in a store, and `current` that of the call.
+    `stored` is the description in a store, and `current` the description of the call's ensemble.
     """
     differ = [name for name in current if stored.get(name) != current[name]]
     if not differ:

@@ -25,7 +25,7 @@ from lagrange.statement.space import check_triangle
 from lagrange.trajectory.trajectory import FloatArray
 
 MemberNumbers = NDArray[np.int64]
-"""Numbers of members, from 0 on."""
+"""Indices of members, from 0 on."""
 
 
 MOST_MEMBERS = 10**12
@@ -336,9 +336,9 @@ def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any
 
 
 def _divided(what: str, argument: Any) -> tuple[dict[Any, Any], list[Varied]]:
-    """Divide one argument of the user, and return the values that all members share, by key, and those that vary.
+    """Return the common values in a user's argument, by key, and the values that vary between members.
 
-    `what` is the name of the argument, for messages.
+    `what` is the name of the `argument`, for messages.
     """
     if argument is None:
         return {}, []
