@@ -49,7 +49,8 @@ LOOSE_RTOL = 1e-5
 """Smallest rtol at which errors may lead a run into a singularity that the exact motion does not reach."""
 
 BLOW_UP_GROWTH = 1e6
-"""Growth of a state that counts as a blow-up. Smaller steps may show that the exact motion is bounded."""
+"""Growth of the largest entry of the state, relative to the start, that counts as a blow-up. With smaller steps the
+motion may turn out to be bounded."""
 
 SLOW_RESIDUAL = 1e-6
 """Largest last correction, relative to the unknowns, at which Newton's method converges slowly. After a larger
@@ -57,7 +58,7 @@ correction the solution is far away.
 """
 
 COARSE_ATOL = 1e3
-"""Ratio of atol to rtol times an entry above which a note mentions it: the entry loses three digits."""
+"""A note mentions an entry if atol exceeds this multiple of rtol times the entry, which then loses three digits."""
 
 CANCELLATION_NOISE = 2.0**-40
 """Fraction of the largest coordinate, or velocity, below which an entry may be round-off."""
@@ -209,8 +210,8 @@ def event_after_outputs(t: FloatArray) -> str:
 def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, y: FloatArray) -> str:
     """Return the cause and the remedy if a step failed because an entry of the state has zero tolerance, else "".
 
-    An entry of `y` (2n,) that is 0 has zero tolerance if the absolute tolerance is 0. `status` is that of the run's
-    end.
+    An entry of `y` (2n,) that is 0 has zero tolerance if the absolute tolerance is 0. `status` is the status of the
+    run.
     """
     failed = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
     if not failed or not tolerances.rtol or tolerances.atol > LEAST_ATOL or tolerances.share or y.all():
@@ -239,7 +240,7 @@ def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, i
 
 
 def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tolerances) -> Iterator[str]:
-    """Yield a note if the absolute tolerance of a complete run gives an entry fewer digits than rtol asks for.
+    """Yield a note if the absolute tolerance of a complete run gives an entry fewer correct digits than rtol specifies.
 
     `states` (S+1, 2n) are the accepted states. An entry is ignored if it is only the rounding error of other entries
     of its kind (coordinates or velocities).

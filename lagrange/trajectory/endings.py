@@ -107,9 +107,8 @@ def remaining_regularity(problem: Problem, t: Sequence[float], y: FloatArray) ->
 
 
 PLACES_AHEAD, MUCH_NEARER = 65, 0.1
-"""Search for a crossing on the two steps after a failed one: number of points, and the required decrease of the least
-singular value.
-"""
+"""Search for a crossing of two motions on the two steps that follow a failed one: the number of points, and the factor
+to which the least singular value must decrease."""
 
 
 def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
@@ -193,9 +192,9 @@ def with_singular_state_ahead(problem: Problem, run: Trajectory, follow: Callabl
 def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, equal_steps: bool = False) -> str:
     """Return the message for a run that ends at a state (2n,) where constraints or inertia become singular.
 
-    `singular` has the dependent constraints, or the motion without inertia, and what their least singular value is
-    divided by that at the start. `equal_steps` is True if the run failed with equal steps before this state: then the
-    message does not advise equal steps, and names the coordinates without the velocities.
+    `singular` has the dependent constraints, or the motion without inertia. Its `regularity` is their least singular
+    value, divided by the value at the start. `equal_steps` is True if the run failed with equal steps before this
+    state: then the message does not advise equal steps, and names the coordinates without the velocities.
     """
     layout = problem.model.layout
     named = zip(layout.coordinates if equal_steps else layout.names(), y, strict=False)
@@ -327,15 +326,14 @@ def _shortened(problem: Problem, run: Trajectory, end: tuple[float, FloatArray],
 
 
 CLEAR = 1e-5
-"""A contact is clearly on one side if its value exceeds this fraction of the largest of all contacts. Bodies that rest
-side by side move apart, or into one another, by the error of a step: at most 1e-9 of it.
-"""
+"""A contact is clearly open or overlapping if its event function exceeds this fraction of the largest one of all
+contacts. For bodies that rest side by side, the errors of steps are at most 1e-9 of the largest."""
 
 _GAP = "Bodies that touch need a small gap between them, such as a millionth of their distance."
 
 
 def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Return a run whose message notes if several contacts act at the same time.
+    """Return a run whose message says so if several resets with a direction (contacts) act at the same time.
 
     The status becomes UNRELIABLE if a body passed through a contact.
     """
@@ -400,18 +398,17 @@ SMALL_CHANGE = 2.0**-42
 """Relative change of a coordinate over the run below which it may be unresolved: a thousand spacings of doubles."""
 
 ROUGH = 2.0**-8
-"""Change of forces by one spacing of a coordinate, relative to their variation, above which they are unresolved. The
-variation is that over displacements up to 2**-12 of the coordinate. Smooth forces change by 2**-40 of it. At theta =
-1e14, where the spacing is 1/64, the energy of a pendulum has an error of a tenth.
-"""
+"""Forces are unresolved if they change over one spacing of a coordinate's doubles by more than this fraction of their
+variation. The variation is the change over displacements up to 2**-12 of the coordinate. The fraction is 2**-40 for
+smooth forces. At theta = 1e14, where the spacing is 1/64, the energy of a pendulum has an error of a tenth."""
 
 ROUNDING_PART = 2.0**-46
-"""Fraction of the largest acceleration below which a change is rounding: 64 units. An acceleration of zero may change
-by that much.
-"""
+"""Fraction of the largest acceleration below which a change of an acceleration is rounding (64 units). Even an
+acceleration of zero may change by this amount."""
 
 NEIGHBOURS, OCTAVES = 8, 40
-"""Number of neighbouring doubles, and of displacements of 1, 2, 4, ... spacings, at which forces are evaluated."""
+"""Number of neighbouring doubles at which forces are evaluated, and number of displacements of 1, 2, 4, ... spacings.
+"""
 
 
 def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:

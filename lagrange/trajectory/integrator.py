@@ -22,14 +22,15 @@ from lagrange.statement.expression import flag, positive_number, real_array, who
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 FLOOR_SHARE = 1e-3
-"""Without a stated absolute tolerance, that of an entry is RTOL times this fraction of its largest size in the run. It
-is added to RTOL times the present size. So each entry has its own scale, and the same motion in other units has the
-same steps. A fraction of 1 would lose three digits of a comet that comes a thousand times nearer to the sun. A fraction
-of 0 would follow entries that have decayed to rounding. For sizes near 1 the default is an absolute tolerance of 1e-12.
-"""
+"""Default absolute tolerance: RTOL times this fraction of the largest size of an entry of the state in the run. The
+tolerance of the entry is this number plus RTOL times its present size. So each entry has its own scale, and the same
+motion in other units has the same steps. A fraction of 1 would lose three digits of a comet that comes a thousand times
+nearer to the sun. A fraction of 0 would follow entries that have decayed to rounding. For sizes near 1 the default is
+an absolute tolerance of 1e-12."""
 
 LEAST_SHARE = 2.0**-52
-"""The absolute tolerance that follows the scale is at least the spacing of doubles at the largest size."""
+"""Smallest ratio of the default absolute tolerance of an entry to the largest size of the entry: the spacing of
+doubles."""
 
 
 LEAST_ATOL = 1e-300
@@ -117,10 +118,12 @@ DEFAULT_OPTIONS = RunOptions()
 class Claims:
     """The properties that a method claims. Tests check them for every registered method.
 
-    `symplectic`: the map of one step is symplectic for systems with a constant mass matrix. Methods that integrate
-    momenta are symplectic for all systems without constraints, and methods with multipliers also with constraints on
-    coordinates. `symmetric`: a step of -h reverses a step of h. `energy`: the energy of a conservative system is
-    conserved up to rounding. `events`: the method locates events. `dense` is the order of the dense output.
+    `order` is the order of convergence. `adaptive`: the method controls its step by tolerances. `symplectic`: the map
+    of one step is symplectic for systems with a constant mass matrix. Methods that integrate momenta are symplectic for
+    all systems without constraints, and methods with multipliers also with constraints on coordinates. `symmetric`: a
+    step of -h reverses a step of h. `a_stable`: no decaying mode limits the step. `explicit`: a step solves no
+    equations. `energy`: the energy of a conservative system is conserved up to rounding. `events`: the method locates
+    events. `dense` is the order of the dense output.
     """
 
     order: int
@@ -232,9 +235,8 @@ def method_repr(method: Integrator, **options: float | None) -> str:
 
 
 MEMORY_DIVISOR = 4
-"""The default memory limit of a run is the memory of the machine divided by this. At the end the states are joined to
-one array, and derived quantities, such as the energy, need as much memory again.
-"""
+"""The default memory limit of a run is the memory of the machine divided by this. At the end of the run the states are
+copied to one array. Derived quantities, such as the energy, need the same amount of memory again."""
 
 ASSUMED_MEMORY = 8 * 2**30
 """Number of bytes of memory that are assumed if the machine does not report it."""

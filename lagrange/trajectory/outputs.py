@@ -24,7 +24,8 @@ SPAN_ROUND_OFF = 1e-12
 """Output times beyond an end of the span by less than this relative amount are set to that end."""
 
 SPARE_ROWS = WIDEST_VECTOR // 2
-"""Spare rows after those of a driver call: states are written in whole vectors, and have at least two numbers."""
+"""Number of unused rows that follow the rows of a driver call. Drivers write whole vectors, which may extend beyond the
+last state. A state has at least two numbers."""
 
 PathOf = Callable[[FloatArray, FloatArray], StepPath]
 """Function that returns the dense output through accepted times (S+1,) and states (S+1, 2n)."""

@@ -25,9 +25,9 @@ from lagrange.trajectory.tableaux.butcher import ButcherTableau
 class StepPath:
     """The path over accepted steps: times (S+1,), states (S+1, 2n), and the dense output of their method.
 
-    On each step the path is a polynomial of degree at most 16, on which events are located. `dense` evaluates it, and
-    `kind` is its formula. `tableau` is that of an explicit Runge-Kutta method, whose stages define the path, else
-    None.
+    On each step the path is a polynomial of degree at most 16, on which events are located. `dense` evaluates the path,
+    and `kind` is its formula. `tableau` is the tableau of an explicit Runge-Kutta method whose stages define the path,
+    else None.
     """
 
     dense: DensePath
@@ -62,8 +62,8 @@ class MotionsPath:
 
     `times` (S+1,) and `states` (S+1, 2n) are the accepted states of the run. `breaks` are three arrays with an entry
     for each piece but the last: the index of its last accepted state, then the time and the state at the end of its
-    last step before that step was shortened. The latter two are NaN if it was not shortened. `path` is a path through
-    some states of the run, whose formula all pieces use.
+    last step before that step was shortened. This time and state are NaN if the step was not shortened. `path` is a
+    path through some states of the run, whose formula all pieces use.
     """
 
     times: FloatArray
@@ -134,7 +134,8 @@ def step_path(
 ) -> StepPath:
     """Return the path by the formula `kind` through accepted times (S+1,) and states (S+1, 2n) of a model.
 
-    `parameters` are the model's parameters. `tableau` is that of an explicit Runge-Kutta method, else None.
+    `parameters` are the model's parameters. `tableau` is the tableau of the method if the method is explicit
+    Runge-Kutta, else None.
     """
     derivative = model.kernel("jacobian") if kind.derivative else None
     dense = model.machine.dense(kind, model.kernel("rhs"), parameters, derivative)
@@ -365,7 +366,7 @@ class SampledPath:
 
 
 def _shares(count: int, theta: FloatArray) -> FloatArray:
-    """Return the weights (K, count) with which values at `count` Chebyshev points enter the polynomial at theta (K,).
+    """Return the weights (K, count) of values at `count` Chebyshev points in their interpolation at theta (K,).
 
     The points and theta are fractions of a step. Source: J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange
     interpolation, SIAM Review 46 (2004) 501, (4.2) and (5.4).

@@ -47,10 +47,11 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 _GOES_ON = (Outcome.PAUSED, Outcome.UNSCALED)
 
 FIRST_STEPS = 1024
-"""Number of steps before the first test of the pace of a run: one second for interpreted steps."""
+"""Number of steps of a flow before the first test of its pace. Interpreted steps take about a second for this number.
+"""
 
 STEPS_RECORDED = 2**14
-"""Number of steps in which a run with constraints has to reach its end; a longer one is repeated by `integrate`."""
+"""Largest number of steps of a flow with constraints. `integrate` repeats a longer run."""
 
 HOPELESS = 4.0
 """An adaptive run is stopped if it needs more than this multiple of max_steps, at its pace so far."""
@@ -178,7 +179,7 @@ class Flow:
         return dict(zip(parameters, self._model.parameter_array(values).tolist(), strict=True))
 
     def _last(self, t0: float, times: ArrayLike) -> tuple[float, FloatArray]:
-        """Return the last of the output times `times`, and all of them as an array (N,).
+        """Return the last output time, and all output times `times` as an array (N,).
 
         Raises StatementError for times that are not sorted in one direction from `t0`.
         """

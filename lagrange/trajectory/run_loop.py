@@ -53,14 +53,12 @@ SECONDS_PER_CALL = 0.02
 """Seconds of steps between two checks of the clock, the step limit and Ctrl-C."""
 
 FIRST_STEPS_PER_CALL, MOST_STEPS_PER_CALL = 64, 16384
-"""Numbers of steps per call of the driver: smallest and largest. The first is small because a step may be slow. The
-largest bounds the memory for rows that may remain unused.
-"""
+"""Smallest and largest number of steps in a driver call. The smallest is for slow steps. The largest bounds the memory
+for rows that may remain unused."""
 
 MOST_GROWTH = 16
-"""Largest factor on the steps per call, used if the next call would still be shorter than `SECONDS_PER_CALL`; else it
-is 2. A call costs some 10 us, as much as 50 steps of a small system.
-"""
+"""Factor on the number of steps per call if the next call would still be shorter than `SECONDS_PER_CALL`. Otherwise the
+factor is 2. A call costs some 10 us, which is the time of 50 steps of a small system."""
 
 _STATUS = {
     Outcome.NON_FINITE: Status.NON_FINITE,
@@ -72,7 +70,7 @@ _STATUS = {
 
 
 NOTHING = np.empty(0)
-"""The times of an event that was not found: empty."""
+"""Empty array of times, for an event that did not occur."""
 
 GOES_ON, PASSED, REACHED = EventResult(), EventResult(jumped=True), EventResult(Status.SUCCESS)
 """Results of a driver call without events: continue; continue after a switch of the forces; the end is reached."""

@@ -213,7 +213,7 @@ def before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
 def point_of(problem: Problem, part: Trajectory, y: FloatArray, status: Status, cause: str = "") -> Trajectory:
     """Return a part of zero duration after the segment `part`, with the state y (2n,) at the segment's end.
 
-    `status` is that of the run's end, and `cause` is the cause for its message, or "".
+    `status` is the status of the run. `cause` is a sentence on the cause for its message, or "".
     """
     end, outputs = part.span[1], problem.t_eval is None or part.span[1] in problem.t_eval
     t = np.full(int(outputs), end)
@@ -235,7 +235,10 @@ def point_of(problem: Problem, part: Trajectory, y: FloatArray, status: Status, 
 
 
 def resting_part(segment: Problem, part: Trajectory) -> Trajectory:
-    """Return a part in which nothing moves, from the end of the part `part` to the end of `segment`."""
+    """Return a part of a run in which nothing moves.
+
+    It goes from the end of the part `part` to the end of `segment`.
+    """
     t, (begin, end), y = segment.t_eval, (part.span[1], segment.t1), segment.y0
     t = np.array([begin, end]) if t is None else t
     return replace(

@@ -23,23 +23,25 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
 
 DISPLACEMENT, WIDER = 2.0**-26, 2.0**8
-"""Relative displacements of the state: the square root of the unit of rounding, and a multiple of it. If both change a
-derivative equally, it jumps, as at the end of a contact; then the size of the jump is used.
-"""
+"""Relative displacements of the state: the square root of the unit of rounding, and a multiple of it. If both
+displacements change a derivative equally, the derivative jumps, as at the end of a contact. The size of the jump is
+then used."""
 
 NEAR_REST = 2.0**-40
-"""If the whole state is zero: sizes of this fraction of what forces reach in the remaining time are tried, too."""
+"""If the whole state is zero, the fastest rate is also estimated for a small motion: this fraction of the motion that
+the forces cause in the remaining time."""
 
 RATE_ITERATIONS = 3
-"""Number of iterations of the estimate of the fastest rate. Each applies the response twice: the largest factor by
-which an entry grows is the square of a rate.
-"""
+"""Number of iterations of the estimate of the fastest rate. Each iteration applies the linearized equations twice. The
+largest factor by which an entry of the displacement then grows is the square of a rate."""
 
 SETTLED = 8.0
-"""The period is shortened if the size of a coupled entry would change during it by more than this factor."""
+"""The estimated period is shortened if the size of a coupled entry would change by more than this factor during the
+period."""
 
 MOST_ROUNDS = 256
-"""Largest number of rounds in which sizes spread along a chain; a link takes two rounds."""
+"""Largest number of rounds of the estimate of sizes. In each round an entry without a size gets one from a neighbour. A
+link of a chain takes two rounds."""
 
 FORCE_SAMPLES = 64
 """Number of times along a run at which forces are evaluated before a solver of another package starts."""
@@ -86,8 +88,8 @@ def entry_sizes(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return the sizes (2n,) of a state's entries, their changes (2n,) due to other entries, and a natural period.
 
-    The changes are those during this period. `slopes` is the right-hand side f(t, y). `left` is the signed time from t
-    to the end of the run. The forces are evaluated at `force_points`, pairs of a time and a state (2n,).
+    The changes are the changes during this period. `slopes` is the right-hand side f(t, y). `left` is the signed time
+    from t to the end of the run. The forces are evaluated at `force_points`, pairs of a time and a state (2n,).
     """
     known_q, known_v = layout.split(np.abs(y))
 
@@ -125,7 +127,7 @@ def entry_sizes(
 
 
 class _Response:
-    """The change of the right-hand side due to a displacement of the state, estimated as a linear map."""
+    """Estimates the change of the right-hand side that a displacement of the state causes, as a linear map."""
 
     def __init__(
         self, slopes: Callable[[FloatArray], FloatArray], slope: FloatArray, y: FloatArray, layout: StateLayout
@@ -184,23 +186,22 @@ TINY_NOISE = 1e-300
 """Added to the noise of an acceleration, which may be zero."""
 
 VISIBLE = 2.0**8, 2.0**24, 2.0**40
-"""Change of an acceleration by a displacement, in multiples of its noise: the least, the desired, and the largest one.
-A smaller change has no digits. A larger change may not be linear, unless a shorter displacement gives the same
-derivative.
-"""
+"""Change of an acceleration by a displacement, in multiples of the acceleration's noise: the smallest, the desired, and
+the largest change. A smaller change has no correct digits. A larger change may not be linear, unless a shorter
+displacement gives the same derivative."""
 
 MOST_DISPLACEMENTS = 8
 """Largest number of displacements of one entry that are tried. If none is visible and linear, its derivatives are zero.
 """
 
 NOISE_AHEAD, EULER_STEPS = 1 / 8, 2
-"""The noise is also evaluated ahead: after the second number of Euler steps, each of the first number times the natural
-time. Terms that are zero at the start, as of a chain that hangs at rest, have noise as soon as it moves.
-"""
+"""The noise is also evaluated at a later state. Between the two states are Euler steps: the second number of them, each
+of the first number times the natural time. Terms that are zero at the start, as of a chain that hangs at rest, have
+noise as soon as it moves."""
 
 
 def some_rounded(layout: StateLayout, floors: FloatArray) -> bool:
-    """Return True if an entry of the state may be a mere rounding error of the others.
+    """Return True if an entry of the state may be only the rounding error of other entries.
 
     Its floor (least absolute tolerance) is then far below the largest floor of its kind, coordinates or velocities.
     `floors` is (2n,).
@@ -282,15 +283,13 @@ def _spectral_radius(matrix: FloatArray) -> float:
 
 
 FORCE_STEPS = (0.0, 1.0, 4.0, 16.0, 64.0)
-"""Numbers of steps ahead at which forces are evaluated, because a system at rest may have only forces that depend on
-time. From one survey of a run to the next these times are multiplied by the last number.
-"""
+"""Later times at which forces are evaluated, in steps, because the forces of a system at rest may depend on time alone.
+From one survey of a run to the next, these times are multiplied by the last number."""
 
 DRIFT_STEPS, DRIFT_GROWTH = (1.0, 4.0), 8.0
-"""Numbers of steps ahead at which forces are evaluated on the free motion of the state. A rejected step that met
-something at rest was one to five times as long as the next step. From one survey to the next these times are multiplied
-by the second number.
-"""
+"""Later times, in steps, at which forces are evaluated on a motion with constant velocities. A rejected step that hits
+a body at rest is one to five times as long as the next step. From one survey to the next, these times are multiplied by
+the second number."""
 
 REST_HALVINGS = 52
 """At rest, forces are also evaluated at the remaining time, its half, its quarter and so on."""
@@ -299,7 +298,7 @@ REST_HALVINGS = 52
 def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     """Raise the floors (least absolute tolerances) of a driver that returned with the outcome UNSCALED.
 
-    With this outcome the driver asks for an estimate of sizes. The new floors follow from the sizes of the entries of
+    With this outcome the driver requests an estimate of sizes. The new floors follow from the sizes of the entries of
     the `state`, and from their rounding noise. They are written to `state`.
     """
     reals, before = state.reals, state.count(DriverState.SURVEYED)

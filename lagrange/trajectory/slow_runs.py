@@ -27,9 +27,9 @@ LAST_ROWS = 64
 """Number of last accepted states that are tested for sticking."""
 
 UNSOLVED_ROWS, UNSOLVED_REACH = 8, 2.0
-"""If an implicit step did not converge: number of last accepted states that are tested; and the time within which their
-rates must lead to the surface, relative to the time between these states.
-"""
+"""Test for sticking after an implicit step that did not converge: the number of last accepted states that are tested,
+and the largest time within which their rates must lead to the surface. The time is relative to the time between these
+states."""
 
 
 def stuck(
@@ -70,16 +70,15 @@ FIRST_TEST = 4096
 """
 
 SLOW = 16.0
-"""A run is slow if it would still need this many times its steps so far. Then its floors are compared with rounding
-noise. Computing the noise takes 1 to 20 ms; 4,096 steps of a small system take 2 ms.
-"""
+"""A run is slow if it still needs more than this multiple of its steps so far. The floors (least absolute tolerances)
+of a slow run are then compared with rounding noise. Computing the noise takes 1 to 20 ms; 4,096 steps of a small system
+take 2 ms."""
 
 
 LONG_APPROACH, NEARER = 2**19, 0.75
-"""After the first number of trial steps, a slow run with constraints ends as singular if its regularity is below
-`NEARLY_DEPENDENT`, and below the second number times that at the last test. A run that only passes near a singular
-state needs fewer steps.
-"""
+"""A slow run with constraints ends as singular if three conditions hold: the run has taken the first number of trial
+steps, its regularity is below `NEARLY_DEPENDENT`, and the regularity is below the second number times that of the last
+test. A run that only passes near a singular state needs fewer steps."""
 
 
 class Pace:
@@ -93,7 +92,7 @@ class Pace:
         self._problem, self._tries, self._t, self._regularity = problem, 0, problem.t0, 1.0
 
     def test(self, state: DriverState, parts: Sequence[WrittenStates], result: EventResult) -> EventResult:
-        """Return the end of a run that sticks to a switching surface, else `result`, that of the last driver call.
+        """Return the end of a run that sticks to a switching surface, else the `result` of the last driver call.
 
         `parts` are the accepted states. Sticking is tested in three cases: the run would reach `max_steps` at the
         pace since the last test; steps become too small; an implicit step of any length did not converge. In a slow
@@ -137,8 +136,8 @@ def limiting_entry(problem: Problem, state: DriverState) -> tuple[int, int] | No
     """Return the index of the entry of the state that limits the step size, and the index of a second entry, or None.
 
     The first entry has the largest error of one DOPRI5 step relative to its tolerance. The second has the largest
-    tolerance among the entries of the same kind, coordinates or velocities. The result is None unless the tolerance
-    of the first is far below that of the second.
+    tolerance among the entries of the same kind, coordinates or velocities. The result is None unless the first entry
+    has a tolerance far below the tolerance of the second.
     """
     y, h = state.y, float(state.reals[DriverState.H])
     law = slopes_of(problem.model, problem.parameter_array)

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 class Solution:
     """States of a model along a run, with N output times.
 
-    `solution[theta]`, `solution[theta.dot]`, `solution["theta"]` and `solution["theta_dot"]` are rows (N,).
-    Units are those of the statement. Times fall in a run backwards. A run that ended early keeps the states computed
-    until then; `status` and `message` say why it ended.
+    `solution[theta]`, `solution[theta.dot]`, `solution["theta"]` and `solution["theta_dot"]` are rows (N,). Units are
+    the units of the statement. Times fall in a run backwards. A run that ended early keeps the states computed until
+    then; `status` and `message` say why it ended.
     """
 
     trajectory: Trajectory
@@ -217,7 +217,10 @@ class Solution:
 
     @cached_property
     def stiff(self) -> Stiffness | None:
-        """The analysis of a run whose steps were limited by stability, not by accuracy (a stiff run). Else None."""
+        """The stiffness of a stiff run, whose steps were limited by stability and not by accuracy.
+
+        None for other runs.
+        """
         return stiffness(self.model, self.trajectory, self.parameters)
 
     def evaluate(self, expression: Any) -> FloatArray:
@@ -275,8 +278,8 @@ class Solution:
     def final(self) -> dict[str, float]:
         """The state at the last output by name. Continue by `other.run(t_end, solution.final, t_start=solution.t[-1])`.
 
-        With `t_eval` an event may end the run after the last output; `y_events` has the state there. Parameters are not
-        part of it: if events set some, give `parameters=` too, with the values in `parameter_changes`.
+        With `t_eval` an event may end the run after the last output; `y_events` has the state there. The result has no
+        parameters. If events set some, give `parameters=` too, with the values in `parameter_changes`.
         """
         self._check_output()
         return dict(zip(self.names, self.y[:, -1].tolist(), strict=True))

@@ -109,11 +109,12 @@ class Trajectory:
 
     `t` has shape (N,), `y` (2n, N) with rows as in the right-hand side, [q, v]. `span` is the first and the last
     accepted time, and `dense` maps times (K,) between them to states (2n, K). `steps` and `rejected` are the numbers of
-    accepted and rejected steps; `evaluations` are those of the right-hand side, or of the series. `wall` is the
-    duration in seconds without compilation. `form` says how the method computed its steps, if it has a choice. For
-    each event, `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset. `step` is the
-    length of equal steps, `rtol` and `atol` are the tolerances of adaptive methods; each is None if the method does
-    not have it. `history` has the parameters of each segment if events set some. `contacts` is the history of contacts.
+    accepted and rejected steps. `evaluations` is the number of evaluations of the right-hand side, or of the series.
+    `wall` is the duration in seconds without compilation. `form` says how the method computed its steps, if it has a
+    choice. For each event, `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset.
+    `step` is the length of equal steps, or None with step control. `rtol` and `atol` are the tolerances of an adaptive
+    method, or None. `history` has the parameters of each segment if events set some. `contacts` is the history of
+    contacts.
     """
 
     t: FloatArray

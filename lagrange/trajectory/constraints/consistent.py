@@ -23,7 +23,7 @@ from lagrange.trajectory.constraints.residuals import ON_SURFACE, residuals_of, 
 
 LARGEST_VIOLATION = 1e-2
 """A run is unreliable if a constraint at its end is violated by more than this fraction of its terms. At default
-tolerances the violation grows to 1e-9 to 1e-5 over a run. A corner that a step has passed, or a reset, leaves 1e-1.
+tolerances the violation grows to 1e-9 to 1e-5 over a run. A step over a corner, or a reset, leaves a violation of 1e-1.
 """
 
 
@@ -122,8 +122,8 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
 def complete_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return the initial state y (2n,) of an exported system, moved onto the constraints if that is necessary.
 
-    It is necessary if some coordinates have no inertia. Their equations are of first order, so their velocities
-    follow from other entries: those that are zero are computed. For all other systems y is returned unchanged.
+    It is necessary if some coordinates have no inertia. Their equations are of first order, so their velocities follow
+    from other entries. Such a velocity is computed if it is zero. For all other systems y is returned unchanged.
     """
     return consistent_start(model, t, y, parameters) if model.equations.first_order else y
 

@@ -30,9 +30,8 @@ NEARBY_SAMPLES = 4
 """Number of sample states around a state."""
 
 CLEARLY = 1e-4
-"""Constraint gradients are certainly independent if their least singular value exceeds this fraction of the largest. A
-start that the user types is rounded to 1e-6, and then dependent rows differ by as much.
-"""
+"""Constraint gradients are certainly independent if their least singular value exceeds this fraction of the largest.
+The entries of a typed start may be rounded to 1e-6, so that dependent rows differ by about 1e-6."""
 
 VANISHING_RATIO = 1e-3
 """A constraint gradient vanishes if its size decreases to this fraction between the samples. The gradient of a squared
@@ -92,7 +91,7 @@ def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatAr
 def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> bool:
     """Return True if the rows of the gradient G are clearly independent at a state y (2n,).
 
-    Also no row may be much smaller there than at one nearby state. This quick test takes 0.02 ms for a four-bar
+    In addition, no row may be much smaller at y than at one nearby state. This quick test takes 0.02 ms for a four-bar
     linkage. If it fails, `dependence_around` decides, in 0.8 ms.
     """
     q = model.layout.split(y)[0]
@@ -155,9 +154,9 @@ def dependent_passage(
     """Find the first state at which constraints are dependent, so that rounding decides the motion after it.
 
     `times` (S+1,) and `states` (S+1, 2n) are accepted states. Only states at short steps are searched. Returns the
-    index of an accepted state and the dependent constraints, or None. The index is that of the last state before the
-    dependence whose velocities are accurate to sqrt(rtol). If the run has `stopped` early, a dependence counts only
-    if the motion moved away from it afterwards: a run may end where constraints are dependent.
+    index of an accepted state and the dependent constraints, or None. At this state, before the dependence, the
+    velocities are still accurate to sqrt(rtol). If the run has `stopped` early, a dependence counts only if the motion
+    moved away from it afterwards: a run may end where constraints are dependent.
     """
     count = len(times) - 1 - FIRST_STEPS
     if count < 2 or not rtol:

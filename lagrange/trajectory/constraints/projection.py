@@ -24,7 +24,7 @@ NAMED_CONSTRAINTS = 3
 """Largest number of constraints that an error message names."""
 
 MOST_ENTRIES = 4
-"""Largest number of entries of a state that an error message repeats although the statement has the same values."""
+"""Largest number of entries of a state that an error message lists even if they equal the statement's values."""
 
 LONGEST_EXPRESSION = 60
 """Longest expression that a message shows, in characters."""
@@ -40,9 +40,8 @@ SHORTEST_SHARE = 2.0**-10
 """Smallest fraction to which a correction is shortened. If that does not help, the search ends."""
 
 MOST_DESCENTS = 200
-"""Largest number of steps along the surface to the nearest point. The distance that remains after a step is curvature *
-distance times that before it.
-"""
+"""Largest number of steps along the surface to the nearest point. A step multiplies the remaining distance by about the
+curvature of the surface times the distance of the two points."""
 
 NEAREST = 1e-9
 """A point is the nearest if the step along the surface is below this fraction of the distance, or is rounding."""
@@ -267,8 +266,8 @@ class Projection:
     def differentiable(self, residuals: Residuals, part: int, y: FloatArray) -> None:
         """Raise StatementError if a constraint has no value, or no derivative, at the state y (2n,).
 
-        `residuals` are those at this state. `part` is 0 for constraints on coordinates, 1 for constraints on
-        velocities.
+        `residuals` are the constraints' residuals at this state. `part` is 0 for constraints on coordinates, 1 for
+        constraints on velocities.
         """
         all_stated, corner = self.residuals.stated, self.residuals.at_corner(self.t, y, self.parameters)
         if corner is not None:
@@ -376,10 +375,10 @@ def _far(residuals: Residuals) -> list[int]:
 
 
 def _zero(stated: Constraint, part: int, model: Model) -> str:
-    """Return the text of what must be zero for a stated constraint, as a message names it.
+    """Return, for a message, the text of the expression that is zero where a stated constraint holds.
 
-    For constraints on coordinates (part 0) it is the constraint, and for constraints on velocities (part 1) its rate
-    of change. A constraint that is stated in velocities has its own text in both parts.
+    For `part` 0, constraints on coordinates, this is the constraint. For `part` 1, constraints on velocities, it is the
+    rate of change of the constraint. A constraint that is stated in velocities has the same text in both parts.
     """
     text = _text(stated, model)
     return f"the rate of change of {text}" if part and stated.holonomic else text

@@ -26,7 +26,8 @@ OPEN, CLOSED, SLIDING, STICKING = "open", "closed", "sliding", "sticking"
 """States of a contact. A closed contact without friction is "closed"; with friction it slides or sticks."""
 
 NOISE = 1e-10
-"""Forces and rates count as zero below this fraction of their terms, for conditions of the mass matrix up to 1e5."""
+"""Forces and rates count as zero below this fraction of their terms. This suffices for condition numbers of the mass
+matrix up to 1e5."""
 
 DEPENDENT = 1e-12
 """Singular values below this fraction of the largest mark dependent equations."""
@@ -38,11 +39,12 @@ MOST_CASES = 1024
 """Largest number of combinations of states that are all tried. For more, pivoting finds one solution."""
 
 TURNS, LEAST_TURN = 300, 2.0**-12
-"""Largest number of iterations for the direction in which a body begins to slide in a plane, and the least relaxation
-factor. This factor is halved if a direction overshoots, as with many contacts or near the edge of the cone."""
+"""Largest number of iterations for the direction in which a body begins to slide in a plane, and smallest relaxation
+factor. The factor is halved if a direction overshoots, as with many contacts or near the edge of the friction cone."""
 
 TURNS_BETWEEN = 20
-"""Number of iterations after which only the combinations that obey all laws count, if there are any."""
+"""Number of iterations between tests for an early end. The iteration ends if some combinations obey all laws, and all
+of these have converged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +63,7 @@ class Friction:
     def cases(self) -> list[tuple[str, FloatArray]]:
         """Return the possible states of the contact, such as "sliding", each with its direction of sliding.
 
-        Directions have an entry for each row of the contact: zero for the normal row, then those of the slips. All
+        A direction has an entry for each row of the contact: zero for the normal row, then one for each slip. All
         entries are zero in the other states, and for sliding in a plane in an unknown direction.
         """
         no_way = np.zeros(1 + self.components)
@@ -146,7 +148,8 @@ class _Rows:
 
     `contact` (rows,) is the index of the contact of each row. `along` (rows,) is True for friction rows. `normals` (k,)
     are the indices of the normal rows. `members` (rows, k) is True for the friction rows of each contact. `static` and
-    `kinetic` (k,) are coefficients of friction. `slides` (k,) and `ways` (rows,) are for contacts that slide already.
+    `kinetic` (k,) are coefficients of friction. `slides` (k,) is True for contacts that slide already, and `ways`
+    (rows,) are their directions of sliding.
     """
 
     def __init__(self, contacts: Sequence[Friction]) -> None:
@@ -248,7 +251,7 @@ def _forces(
 def _obeys(
     rows: _Rows, states: NDArray[np.str_], ways: FloatArray, forces: FloatArray, rates: FloatArray, noise: FloatArray
 ) -> NDArray[np.bool_]:
-    """Return a mask (C,) of those of C combinations that obey the laws of contact.
+    """Return a mask (C,) that is True for those of C combinations of contact states that obey the laws of contact.
 
     Forces push, rates separate, and friction forces are in their cones. `states` (C, k) are the states of the
     contacts. `ways`, the directions of sliding, `forces`, `rates` and `noise`, the errors of rates, are (C, rows).

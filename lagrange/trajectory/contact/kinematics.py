@@ -25,20 +25,21 @@ terms of all gaps are used, because balls that rest at coordinates of zero have 
 """
 
 HELD = 1e-12
-"""Largest gap of a closed contact without projection, relative to the terms of gaps."""
+"""Largest gap, relative to the terms of gaps, of a contact that stays closed without a projection onto zero gaps."""
 
 RATE_NOISE = 1e-11
 """A gap rate or slip counts as zero below this fraction of the largest terms of the contact's rates so far."""
 
 ROUND_OFF = 2.0**-50
 """A velocity in a closed contact is rounding if its kinetic energy is below the square of this fraction times the
-largest. Impulses transmit it from contact to contact. Tolerances relative to it would be far too small."""
+largest kinetic energy. Impulses transmit such velocities from contact to contact. Tolerances relative to them would be
+far too small."""
 
 MODELS_KEPT = 16
 """Largest number of models whose contact functions and modes are cached."""
 
 SLOW_SHARE = 1e-3
-"""Fraction of the largest rates of all contacts that serves as the scale of a contact at rest."""
+"""Rates of a contact at rest are compared with this fraction of the largest rates of all contacts."""
 
 
 @lru_cache(maxsize=MODELS_KEPT)
@@ -83,10 +84,10 @@ def _rows(model: Model) -> tuple[list[list[int]], list[int], NDArray[np.intp]]:
 class ContactState:
     """The contacts at a time `t` and a state `y` (2n,): gaps (k,), rates (dgap/dt and slips), and their derivatives.
 
-    A row is a rate: each contact has a row for dgap/dt, then one for each slip. `rates` (rows,) are the values,
-    `directions` (rows, n) their derivatives by the velocities, and `convective` (rows,) those by time at zero
-    acceleration. `terms` (rows,) are the largest terms of the rates so far. Gaps count as zero up to `near`. `before`
-    is the state with the same coordinates whose mass matrix is used, or None.
+    A row is a rate: each contact has a row for dgap/dt, then one for each slip. `rates` (rows,) are the values.
+    `directions` (rows, n) are the derivatives of the rates by the velocities, and `convective` (rows,) the derivatives
+    by time at zero acceleration. `terms` (rows,) are the largest terms of the rates so far. Gaps count as zero up to
+    `near`. `before` is the state with the same coordinates whose mass matrix is used, or None.
     """
 
     kinematics: Kinematics
@@ -136,8 +137,9 @@ class ContactState:
 def _contact_functions(model: Model) -> tuple[PythonKernel, PythonKernel]:
     """Return two functions of a state, cached by model: one evaluates the contacts, the other the gaps alone.
 
-    The results of the first are the gaps (k,) and their sizes, the rates (rows,) and their sizes, their derivatives by
-    time at zero acceleration, and those by the velocities. A size is the sum of the absolute values of the terms.
+    The results of the first function are the gaps (k,) and their sizes, the rates (rows,) and their sizes, the
+    derivatives of the rates by time at zero acceleration, and the derivatives of the rates by the velocities. A size is
+    the sum of the absolute values of the terms.
     """
     equations, size = model.equations, partial(model.equations.graph.call, "abs")
     q, v = equations.q, equations.v

@@ -86,10 +86,11 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class PreparedMode:
-    """A compiled mode: its `model`, and its `events`, those of the user first.
+    """A compiled mode: its `model`, and its `events`, which begin with the events of the user.
 
     The events that end the mode follow, at the indices `mode_events`; `ends` has the index of the contact and the kind
-    of each. With `friction` the last events are those between sliding and sticking, which the compiled loop handles.
+    of each. With `friction` the last events are the changes between sliding and sticking, which the compiled loop
+    handles.
     """
 
     model: Model
@@ -126,9 +127,9 @@ class Modes:
     ) -> PreparedMode:
         """Return `mode` compiled, for a problem that continues in it.
 
-        The user's events come before those of the mode. `written` has formulas of the impacts, or is None. With it
-        impacts are resets inside the loop over steps, up to `most` impacts of a contact. With `friction`, changes
-        between sliding and sticking are resets inside this loop, too.
+        The user's events come before the events that end the mode. `written` has formulas of the impacts, or is None.
+        With it impacts are resets inside the loop over steps, up to `most` impacts of a contact. With `friction`,
+        changes between sliding and sticking are resets inside this loop, too.
         """
         plain = mode if friction is None else mode.going(friction.which, 0)
         plain = replace(plain, bouncing=()) if plain.bouncing else plain

@@ -1,4 +1,4 @@
-"""Impacts and friction along a line as resets of events, so that a compiled loop over steps passes many of them.
+"""Formulas of impacts, and of friction along a line, as resets of events, which a compiled loop over steps applies.
 
 An impact is written out if it has no friction; the general law is in `transition.py`. With the direction W = dgap/dq,
 gap rate u, restitution e and mass matrix M, its impulse is P = -(1 + e) u / (W M^-1 W^T). It changes the velocities by
@@ -41,11 +41,13 @@ LONGEST_RESET = 2_000
 """Largest number of operations in the reset of an impact that is written out."""
 
 SLIGHT, SHORT = 2.0**-48, 1e-3
-"""Initial slip or gap after a change: the first number times the change by the largest acceleration terms, during the
-time so far or a short part (the second number) of the run. It is 16 units of their rounding."""
+"""Rate with which a gap or a slip begins to grow after a change of the mode: the first number times a change of
+velocity. This is the largest term of the accelerations times the time so far, or times a short time, the second number
+times the span. 2**-48 is 16 units of rounding."""
 
 ORTHOGONAL = 1e-14
-"""Two directions are orthogonal if their product is below this fraction of its terms: rounding of stated numbers."""
+"""Two directions are orthogonal if their product is below this fraction of its terms, since stated numbers are rounded.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +126,9 @@ def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
 class WrittenFriction:
     """The friction of the contact `which`, as a `model` whose state has one more coordinate, the way.
 
-    The way is 1 or -1, the direction of sliding, or 0 while the contact sticks. `moment` is a parameter of the model, a
-    short time. `normal` is the normal force. `events` end sticking and sliding; they reset the way and the velocities.
+    The way is 1 or -1, the direction of sliding, or 0 while the contact sticks. `moment` is a parameter of the model: a
+    short time, `SHORT` times the span of the run. `normal` is the expression of the normal force. `events` end sticking
+    and sliding; they reset the way and the velocities.
     """
 
     which: int
@@ -144,7 +147,7 @@ class WrittenFriction:
         return replace(problem, model=self.model, y0=y0, largest=largest, parameters=parameters)
 
     def plain(self, y: FloatArray) -> FloatArray:
-        """Return states of the system, (2n,) or (2n, N): those of this model without the coordinate `way`."""
+        """Return states of the system, (2n,) or (2n, N): the states y of this model without the coordinate `way`."""
         return np.delete(y, [self.model.layout.q.stop - 1, self.model.layout.v.stop - 1], axis=0)
 
     def plain_at(self, path: Callable[[FloatArray], FloatArray], times: FloatArray) -> FloatArray:
@@ -161,7 +164,8 @@ class WrittenFriction:
 def written_friction(model: Model, which: int) -> WrittenFriction | None:
     """Return the friction of the contact `which` as a model with events, or None.
 
-    It is possible for friction along a line that is not coupled to the gap, with constant mass matrix.
+    The result is None unless the friction acts along a line, is not coupled to the gap, and the mass matrix is
+    constant.
     """
     statement, contact = model.statement, model.statement.contacts[which]
     q, rates, mass = statement.coordinates, statement.velocities, coupling(statement)

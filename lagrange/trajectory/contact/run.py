@@ -109,19 +109,20 @@ class Bounces:
 
 
 RECENT, HURRIED = 100, 1e-4
-"""Test for the cause of a run that used up a limit: number of changes of the mode, and the mean time between them, as a
-fraction of the span, below which these changes are the cause."""
+"""Test whether changes of the mode used up a limit of a run: the number of last changes, and their largest mean
+distance in time, as a fraction of the span."""
 
 SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
-"""Least number of times in a segment at which open gaps are tested; and the overlap that shows a missed impact, as a
-fraction of the terms of the gap: the second number, or the third times `rtol`, whichever is larger."""
+"""Test for missed impacts: the smallest number of times in a segment at which open gaps are tested, and the overlap
+that shows a missed impact. The overlap is relative to the terms of the gap; it is the second number, or the third times
+`rtol` if that is larger."""
 
 NEARBY = 2.0**-16
 """Fraction of a segment, before its end, over which the derivative of an event is approximated by a difference."""
 
 STEPS_OUTSIDE, SHORTEST_STEP = 60, 1e-12
-"""Number of steps for each gap in the search for the nearest start outside of all bodies, which an error message shows;
-and the change of an entry below which a step reaches the closed gap."""
+"""Search for the nearest start outside of all bodies, for an error message: the number of steps for each gap, and the
+change of an entry below which a full step is taken."""
 
 MOST_AT_ONCE = 32
 """Largest number of changes of the mode at one instant."""
@@ -157,8 +158,8 @@ class _ContactRun:
     """A run in progress: its `parts`, and its `modes_so_far`, which begin at times `begins`.
 
     `prepared` is the compiled mode of the last segment, and `part` its trajectory. `end_state` (2n,) is the state at
-    its end before resets, or None if there are none. `fired` are the contacts whose events ended it: pairs of contact
-    index and kind of event. `rest_time` is the time at which the present impacts accumulate.
+    the end of the segment before resets, or None without resets. `fired` are the contacts whose events ended the
+    segment: pairs of contact index and kind of event. `rest_time` is the time at which the present impacts accumulate.
     """
 
     prepared: PreparedMode
@@ -228,7 +229,8 @@ class _ContactRun:
     def _limit(self, end: float, mode: Mode, following: Mode) -> tuple[Status, str] | None:
         """Return the status and the cause for a run that reached a limit between two modes; else None.
 
-        The limits are those of steps, time, and changes at one instant. At `end` the mode changes to `following`.
+        The limits are for the number of steps, the wall time, and the number of changes at one instant. At the time
+        `end` the mode changes to `following`.
         """
         problem, begins = self.problem, self.begins
         if sum(part.steps + part.rejected for part in self.parts) + len(self.parts) >= problem.max_steps:

@@ -1,4 +1,4 @@
-"""Transitions between modes: impacts that close a gap, and the mode that follows.
+"""Transitions between modes of contact: the impacts of gaps that close, and the choice of the next mode.
 
 The laws, in the order in which they are applied at one instant t:
 
@@ -70,8 +70,8 @@ class Transition:
 class _Rest(NamedTuple):
     """Contacts after the impacts of a transition, at the state of `touch`, by their indices.
 
-    `resting` ones have zero gap and gap rate, those in `near` zero gap. `end` is the end of the mode before. `ways`
-    maps contacts that begin to slide to a direction (components,).
+    `resting` contacts have zero gap and zero gap rate, and `near` contacts have zero gap. `end` is the end of the mode
+    before the transition. `ways` maps contacts that begin to slide to a direction (components,).
     """
 
     touch: ContactState
@@ -156,7 +156,8 @@ class Transitions:
         """Return the state after an impact, and the impacts as in `Transition`.
 
         `touching` contacts have zero gap and may exchange impulses; `plastic` ones have no restitution. By the law
-        "newton" all collide at once; by "sequence" the fastest one, again and again until no gap becomes smaller.
+        "newton" all contacts collide at once. By the law "sequence" the fastest contact collides, again and again until
+        no gap becomes smaller.
         """
         kin = self.kinematics
         self._check_law_of_impacts(touch, touching)
@@ -186,7 +187,7 @@ class Transitions:
         return after, impacts
 
     def _approaching(self, touch: ContactState, contacts: Sequence[int], rates: FloatArray) -> list[int]:
-        """Return those of some `contacts` (indices) whose gaps become smaller at the `rates` (rows,)."""
+        """Return the indices of those `contacts` (indices) whose gaps become smaller at the `rates` (rows,)."""
         normals = self.kinematics.normals
         return [i for i in contacts if rates[normals[i]] < -touch.noise[normals[i]]]
 
@@ -214,7 +215,8 @@ class Transitions:
     ) -> FloatArray:
         """Return the impulses (rows,) of one impact, by Newton's law of restitution and Coulomb's law of friction.
 
-        Only `colliding` contacts have impulses, and `plastic` ones no restitution. `rates` (rows,) are those before.
+        Only `colliding` contacts have impulses, and `plastic` ones no restitution. `rates` (rows,) are the rates before
+        the impact.
         """
         kin, laws, free_rates = self.kinematics, {}, rates.copy()
         for i in colliding:
@@ -296,7 +298,10 @@ class Transitions:
         return self._projected(touch, mode, starts, near), mode, accelerations
 
     def _slow(self, touch: ContactState, along: Sequence[int]) -> float:
-        """Return the speed up to which a slip in the rows `along` counts as zero: in a plane, that of the mode."""
+        """Return the speed up to which a slip in the rows `along` counts as zero.
+
+        In a plane it is at least `Mode.slowest`.
+        """
         noise = float(touch.noise[along].max(initial=0.0))
         return max(self._slowest, noise) if len(along) > 1 else noise
 

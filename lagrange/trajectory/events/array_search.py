@@ -124,9 +124,8 @@ noise.
 """
 
 POLE_LEVELS = 26
-"""A function that grows by a factor of 1000 over this many halvings has a pole. At a jump the size is constant under
-halving; at a pole it doubles.
-"""
+"""Number of halvings over which a function with a pole grows by more than a factor of 1000. At a pole each halving
+doubles the size of the function; at a jump the size is constant."""
 
 
 NOWHERE = np.empty(0)
@@ -190,7 +189,7 @@ def _resolved(
     """Return the power coefficients (k,) of a function with Chebyshev coefficients (17,), their error and the tail.
 
     The result has no coefficients if the function is not resolved. The tail is the size of the last Chebyshev
-    coefficients. The arguments are those of `local_polynomial`.
+    coefficients. The arguments have the meaning that `local_polynomial` describes.
     """
     powers = np.empty(DEGREE + 1)
     count, error, tail = called(local_polynomial.form())(chebyshev, size, noise, before, least, powers)

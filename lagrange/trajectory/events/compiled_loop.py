@@ -21,24 +21,23 @@ from lagrange.trajectory.paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
 WORTH_COMPILING = 512
-"""Expected number of steps of a run from which the loop is compiled. Compilation takes 0.5 s, once per process. That is
-as long as a review of 10,000 to 40,000 steps on arrays, but later runs with events are 20 to 100 times as fast.
-"""
+"""The loop is compiled if a run is expected to have at least this number of steps. Compiling takes 0.5 s, once per process.
+That is as long as searching 10,000 to 40,000 steps on arrays, but later runs with events are 20 to 100 times as fast."""
 
 ENOUGH = 16
-"""Number of steps from which the length of a run is estimated; it is not smaller, because the first steps are short."""
+"""Smallest number of steps from which the length of a run is estimated, because the first steps are short."""
 
 CHANGE_STEPS = 8
-"""Cost of one reset in the review on arrays, in units of steps."""
+"""Cost of one reset in the search on arrays, in units of the cost of a step."""
 
 
 @dataclass(eq=False)
 class WatchedEvents:
     """The events of a run by a step program, kept for the next run of its driver with the same events.
 
-    `events` are those of the run, and `kernel` evaluates their functions. `memory` is shared with the compiled loop
-    `steps`, which is None if no run was long enough to compile it. `dense` is the first dense output, whose compiled
-    code all later ones use.
+    `events` are the events of the run, and `kernel` evaluates their functions. `memory` is shared with the compiled
+    loop `steps`, which is None if no run was long enough to compile it. `dense` is the first dense output, whose
+    compiled code all later ones use.
     """
 
     events: tuple[ModelEvent, ...]
@@ -108,10 +107,10 @@ class WatchedEvents:
     ) -> None:
         """Write the signs of the event functions and the counts of events to the memory of the compiled loop.
 
-        `zero_sides` has the sign (side of zero) of each function. `occurrences` has those of each event so far, which
-        determine the number of further ones until the caller has to act. `zero_sizes` maps each event that counts as
-        zero at the start of a smooth piece of motion to the size of its function there. `zeros` maps each event that
-        has just occurred to the direction of its zero.
+        `zero_sides` has the sign (side of zero) of each function. `occurrences` has the occurrences of each event so
+        far. They determine the number of further occurrences until the caller has to act. `zero_sizes` maps each event
+        that counts as zero at the start of a smooth piece of motion to the size of its function there. `zeros` maps
+        each event that has just occurred to the direction of its zero.
         """
         memory, events = self.memory, self.events
         memory.sign[:] = [side.sign for side in zero_sides]

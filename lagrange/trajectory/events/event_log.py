@@ -21,9 +21,9 @@ MOST_REPEATS = 3
 """Largest number of changes that one event may cause at nearly the same time."""
 
 SAME_INTERVAL, MOST_SAME = 0.999, 8
-"""Intervals between resets no longer decrease if one has at least this fraction of the shortest before it; largest
-number of such intervals in a row.
-"""
+"""Test for resets that only rounding noise separates: an interval between resets does not decrease if it has at least
+the first number times the length of the shortest before it. The second number is the largest number of such intervals
+in succession."""
 
 
 class Occurrences:
@@ -141,7 +141,7 @@ class EventLog:
     def occur(self, indices: Sequence[int], events: Sequence[ModelEvent], state: DriverState) -> bool:
         """Record an occurrence of some events at the present state. Return True if one of them ends the run.
 
-        `indices` are those in `events`, which has all events.
+        `events` has all events of the run. `indices` are indices in `events`.
         """
         for i in indices:
             self.occurrences[i].append(state.t, state.y.copy(), state.count(DriverState.STEPS))

@@ -58,10 +58,10 @@ def sides_after_events(
 ) -> list[Side]:
     """Return the sides of zero (known signs) of event functions after a reset, from `sides` before it.
 
-    A side of sign 0 is undecided. `change` has the values of the event functions before and after the reset, (E,)
-    each. The side of a function that changes by more than `noise` (E,), its rounding error, is undecided. So are
-    those of the events in `occurred_now` (indices), which have just occurred. A contact that came near zero before the
-    reset does not count as near it afterwards, since it must not act without crossing zero.
+    A side of sign 0 is undecided. `change` has the values of the event functions before and after the reset, (E,) each.
+    The side of a function that changes by more than `noise` (E,), its rounding error, is undecided. So is the side of
+    each event in `occurred_now` (indices), which has just occurred. A contact that came near zero before the reset does
+    not count as near it afterwards, since it must not act without crossing zero.
     """
     sides_after = []
     for i, (side, event, before, after) in enumerate(zip(sides, events, *change, strict=True)):

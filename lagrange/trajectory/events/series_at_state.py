@@ -22,9 +22,9 @@ from lagrange.trajectory.trajectory import FloatArray
 class EventSeries:
     """Taylor coefficients of the state and of E event functions, in the time unit `scale`.
 
-    `rows` (order + 1, 2n + E) has all coefficients, and `watched` (order + 1, E) those of the event functions.
-    `noise` (E,) is the rounding error of the functions at the state. `rtol` is the tolerance of the series. The terms
-    of an event function are compared at the time `unit`.
+    `rows` (order + 1, 2n + E) has all coefficients, and `watched` (order + 1, E) the coefficients of the event
+    functions. `noise` (E,) is the rounding error of the functions at the state. `rtol` is the tolerance of the series.
+    The terms of an event function are compared at the time `unit`.
     """
 
     scale: float

@@ -225,9 +225,9 @@ class SeriesWatch(EventLog):
         return zero_root(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
 
     def _on_surface(self, zeros: Sequence[EventZero], before: Sequence[Side], state: DriverState) -> list[EventZero]:
-        """Return those of `zeros` that are events, with the directions that hold after the crossing of a surface.
+        """Return the events among some zeros, with the directions that hold after the crossing of a surface.
 
-        All are zeros of event functions at the state, on a surface that has just been crossed. A direction may
+        All `zeros` are zeros of event functions at the state, on a surface that has just been crossed. A direction may
         change: abs(x) turns back at x = 0, so its zero is a touch. `before` are the signs of all watched functions
         before the crossing.
         """
@@ -254,8 +254,8 @@ class SeriesWatch(EventLog):
     ) -> EventResult:
         """Reset the state by the events in `zeros`, and start a new smooth piece of motion.
 
-        If one of the events `ends` the run, no new piece is started. `all_zeros` has the zeros of all watched
-        functions at this time, also of those without a reset.
+        If one of the events `ends` the run, no new piece is started. `all_zeros` has the zeros of all watched functions
+        at this time, also of events without a reset.
         """
         before = self.ahead(state)
         resets = {self.event_of(zero): zero.which for zero in sorted(zeros, key=lambda zero: zero.which)}

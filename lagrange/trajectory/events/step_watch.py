@@ -63,8 +63,8 @@ S = DriverState
 class Cut:
     """Point to which a run is set back: `steps` steps are kept, the last one up to time t and state y (2n,).
 
-    `length` is the length of the step that contains the point or begins there. `whole` is the former end (time and
-    state) of a step that is shortened, or None. A `late` cut has no event: the time limit was reached.
+    `length` is the length of the step that contains the point or begins there. `whole` is the end (time and state) of
+    the full step if the step is shortened, else None. A `late` cut has no event: the time limit was reached.
     """
 
     steps: int
@@ -370,7 +370,7 @@ class StepWatch(EventLog):
         self._pending = [mine[i] for i in sorted(mine)]
 
     def _record(self, zeros: Iterable[EventZero], sample: Sample, steps_before: int) -> None:
-        """Record those zeros on a step at which an event occurs: their direction is one that counts for the event.
+        """Record the events on a step: the zeros whose direction counts for their event.
 
         `sample` is the step, and `steps_before` is the number of steps before it.
         """

@@ -129,10 +129,11 @@ IN_A_ROW = 3
 """Largest number of successive leaps without a step between them."""
 
 SHORTER, ATTEMPTS = 1 / 16, 6
-"""Factor by which a rejected leap is shortened, and number of attempts."""
+"""Factor by which a rejected leap is shortened, and largest number of attempts."""
 
 MOST_LEAP_STEPS = 2000
-"""Largest number of steps in a leap: usually one, but a thousand under a force that may act for a short time only."""
+"""Largest number of steps of the other method in a leap. One is usual, but a force that may act for a short time only
+requires a thousand."""
 
 
 @dataclass
@@ -165,9 +166,9 @@ class Continuations:
     def landing(self, state: DriverState, end: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
         """Return the state (2n,) after a leap to the time `end`, or None if the forces change too much for a leap.
 
-        A leap is a short step without a Taylor series. The forces at its end are compared with those at its start.
-        `switched` takes a duration and returns True if the equations switch at a surface within this time. If they
-        switch at once, the forces just after the start are compared instead.
+        A leap is a short step without a Taylor series. The forces at the end of the leap are compared with the forces
+        at its start. `switched` takes a duration and returns True if the equations switch at a surface within this
+        time. If they switch at once, the forces just after the start are compared instead.
         """
         part = replace(
             self.problem,

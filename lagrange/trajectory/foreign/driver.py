@@ -182,13 +182,13 @@ INTERPOLANT_BYTES = 300
 """Measured size of the path over a step in bytes, without its values."""
 
 UNREAD_BYTES, UNREAD_ENTRIES = 1400, 10
-"""Size of a path that is still SciPy's object: bytes, and further numbers for each entry of the state. It takes 1,310
-to 1,540 bytes with 2 entries, and up to 2,850 with 20.
-"""
+"""Size of a path that is still SciPy's object: a number of bytes, and a number of doubles for each entry of the state.
+Such an object takes 1,310 to 1,540 bytes with 2 entries, and up to 2,850 with 20."""
 
 _ACCEPTED = np.zeros(S.SURVEYED + 1, dtype=np.int64)
 _ACCEPTED[[S.ROWS, S.STEPS]] = 1
-"""Increments of the counts for an accepted step, added in one operation: an interruption never finds a part of them."""
+"""Increments of a driver's counts for an accepted step. They are added in one operation, so that Ctrl-C never leaves
+some of them missing."""
 
 
 Unread = partial[StepInterpolant]
@@ -378,7 +378,7 @@ class SolverDriver:
 
         A floor is the least absolute tolerance of an entry. An entry of the state that has only been rounding so far
         has no known size. If the last estimate of sizes changed no floor, the steps are small for another reason, and
-        the result is False. `fault` is that of the failed step.
+        the result is False. `fault` is the fault of the failed step.
         """
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
         if not vanished or state.count(S.SURVEYED) >= MOST_SURVEYS or np.array_equal(state.floors, self._asked):

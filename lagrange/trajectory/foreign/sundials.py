@@ -182,7 +182,7 @@ class _CvodeStepper:
 
 
 class _OtherThreads:
-    """Substitute for sys.stdout that drops the output of the thread `silent`, and passes on that of all others.
+    """Substitute for sys.stdout that drops the output of the thread `silent` and passes on all other output.
 
     One object serves the whole process: Python's print keeps no reference to the sys.stdout to which it writes.
     """

@@ -80,8 +80,8 @@ class ConstraintForces:
     def on_point(self, name: str, point: str) -> FloatArray:
         """Return the force of one constraint on a named point along the run, (2, N) or (3, N).
 
-        It is the force that `Solution.constraint_force` returns. `name` is that of the constraint, and `point` that
-        of the point.
+        It is the force that `Solution.constraint_force` returns. `name` is the name of the constraint, and `point` the
+        name of the point.
         """
         rows = self._gradient(name)
         points = self._points
@@ -135,11 +135,11 @@ class ConstraintForces:
         return slopes
 
     def _acted_on(self, name: str, rows: FloatArray) -> tuple[str, ...]:
-        """Return the names of the points on which the constraint `name` acts: those whose positions alone it relates.
+        """Return the names of the points on which the constraint `name` acts.
 
-        `rows` (n, N) is the constraint's row of G. The constraint is then a function phi of the positions r of these
-        points, and the force on each is lambda dphi/dr. The smallest set of points is taken. Raises StatementError if
-        there is no such set, or if there are several.
+        `rows` (n, N) is the constraint's row of G. The constraint must be a function phi of the positions r of these
+        points alone. The force on each point is then lambda dphi/dr. The smallest set of points is taken. Raises
+        StatementError if there is no such set, or if there are several.
         """
         samples = np.unique(np.linspace(0, len(self.t) - 1, POINT_SAMPLES).astype(int)) if len(self.t) else np.arange(0)
         moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, samples]).max(initial=0.0) > 0]
@@ -170,8 +170,8 @@ class ConstraintForces:
 def _unique(slopes: FloatArray, row: FloatArray) -> bool:
     """Return True if row = slopes^T F has exactly one solution F, the force on the points per unit multiplier.
 
-    `slopes` (k, n) are the derivatives of the k entries of the points' positions by the coordinates. `row` (n,) is
-    the constraint's row of G. Both are those at one state.
+    `slopes` (k, n) are the derivatives of the k entries of the points' positions by the coordinates. `row` (n,) is the
+    constraint's row of G. Both are values at one state.
     """
     if len(slopes) > slopes.shape[1] or not (np.isfinite(slopes).all() and np.isfinite(row).all()):
         return False
@@ -249,9 +249,9 @@ def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Par
 def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return the scales (2m,) for violations of constraints whose terms do not cancel, such as y = 0.
 
-    First come the scales of the m constraints phi on positions, then those of their rates dphi/dt. A scale is the
+    First come the scales of the m constraints phi on positions, then the scales of their rates dphi/dt. A scale is the
     gradient times the sizes of the state's entries, the largest over some sample states. `t` (N,) and `y` (2n, N) are
-    those of the run.
+    the times and states of the run.
     """
     residuals, mass = residuals_of(model), model.interpreted("mass_matrix")
     m = len(model.equations.stated)

@@ -22,15 +22,14 @@ SAMPLED_STEPS = 20
 """Number of accepted steps that are examined, equally spaced. A run needs three times as many steps."""
 
 MODE_GROWTH = 1e-5
-"""Relative growth of a mode per step at which the limit of stability is defined. In some 1e5 steps of a stiff run it is
-a factor e. On the imaginary axis its size matters. |R| of dopri5 exceeds 1 from 1.0 on and 1.01 from 1.7 on; that of
-tsit5 exceeds 1 from 0.48 on and 1 + 1e-5 from 0.75 on. Their steps settle at 0.9 to 1.0 and at 0.64 to 0.85.
-"""
+"""Relative growth of a mode per step that defines the limit of stability. Over the 1e5 steps of a stiff run this growth
+is a factor e. On the imaginary axis the limit depends much on this number. The amplification |R| of dopri5 exceeds 1
+from |z| = 1.0 on, and 1.01 from 1.7 on. For tsit5, |R| exceeds 1 from 0.48 on, and 1 + 1e-5 from 0.75 on. The steps of
+runs have |z| = 0.9 to 1.0 for dopri5, and 0.64 to 0.85 for tsit5."""
 
 NEAR_LIMIT = 0.6
-"""Step length, relative to the limit of stability, above which a step is at the limit. Of the library's scenes only
-those at rtol = 1e-3 reach it, up to 0.7. Stiff runs vary from about 0.7 to 1.
-"""
+"""Step length, relative to the limit of stability, above which a step is at the limit. The library's scenes reach at
+most 0.7, and only at rtol = 1e-3. The steps of stiff runs vary from about 0.7 to 1."""
 
 MOST_OVERSHOOT = 1.5
 """Largest step, relative to the limit, with step control. Equal steps may exceed it; then the run fails."""
@@ -39,9 +38,8 @@ SLOWER = 30.0
 """The solution must change more slowly than the limiting mode by this factor. Otherwise the steps resolve the mode."""
 
 NEGLIGIBLE = 1e-4
-"""Least scale of a velocity, relative to the speed; both are weighted by the square roots of masses. The stiff spring
-of a pendulum moves so little that its velocity is only the error that the tolerance allows.
-"""
+"""Smallest scale of a velocity, relative to the speed of the whole system. Both are weighted by the square roots of
+masses. The stiff spring of a pendulum moves so little that its velocity is only the error that the tolerance allows."""
 
 LET_THROUGH = 10.0
 """Change of a velocity over a step that the tolerance allows, in units of rtol times the speed. An undamped oscillation
@@ -158,8 +156,8 @@ def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, leas
     """Return, for each of k steps, the largest relative change of an entry of the velocity, (k,).
 
     `steps` (k,) are the indices of the states before the steps. A change is relative to the largest value of the entry
-    along the run, or to `least` times the speed if that is larger. `velocities` (S+1, n) are those of all accepted
-    states. The diagonals of `masses` (k, n, n), the mass matrices there, weight the entries in the speed.
+    along the run, or to `least` times the speed if that is larger. `velocities` (S+1, n) are the velocities in all
+    accepted states. The diagonals of `masses` (k, n, n), the mass matrices there, weight the entries in the speed.
     """
     weights = np.abs(np.diagonal(masses, axis1=1, axis2=2)).mean(axis=0)
     speed = math.sqrt(float(np.mean(np.sum(velocities[steps] ** 2 * weights, axis=1))))

@@ -88,8 +88,8 @@ def divided(t: FloatArray, parts: int) -> FloatArray:
 def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> dict[str, FloatArray]:
     """Return the positions of the named points by name, each (2, K) or (3, K), for states y (2n, K) at times t (K,).
 
-    The order is that of the statement, with the points along surfaces after the others. The origin comes last if a
-    link names it. The result is empty without named points.
+    The points have the order of the statement, but points along surfaces come after the others. The origin comes last
+    if a link names it. The result is empty without named points.
     """
     statement = model.statement
     if "points" not in model.prepared:

@@ -56,7 +56,7 @@ class RungeKutta:
 
     @property
     def name(self) -> str:
-        """The name of the method, which is that of its tableau."""
+        """The name of the method, which is the name of its tableau."""
         return self.tableau.name
 
     @cached_property

@@ -155,7 +155,7 @@ def lagrange_basis(points: Sequence[Abscissa]) -> list[list[Any]]:
 def collocation_tableau(points: Sequence[Abscissa]) -> Tableau:
     """Return the tableau A, b, c of collocation at the `points` c of [0, 1].
 
-    A has the integrals of the Lagrange polynomials of the points from 0 to c_i, and b those from 0 to 1.
+    A has the integrals of the Lagrange polynomials of the points from 0 to c_i, and b their integrals from 0 to 1.
     """
     basis = lagrange_basis(points)
 

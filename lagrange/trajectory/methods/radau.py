@@ -77,7 +77,7 @@ class RadauStep:
         """Return guesses of the next step's increments, one vector for each stage.
 
         The polynomial through the increments of the last step, `old`, is extrapolated. `ratio` is the length of the
-        next step divided by that of the last.
+        next step divided by the length of the last.
         """
         _, _, c = collocation_tableau(POINTS[self.stages])
         return tuple(value - old[-1] for value in continued((0.0, *c), c, ratio, (old[0] * 0, *old)))
@@ -185,7 +185,7 @@ def predict(ratio: Any, *old: Any) -> list[Any]:
     """Return guesses of the unknowns of the next step, by extrapolation of polynomials through the last ones.
 
     `old` are the unknowns of the last step: the velocity changes at the stages, then the multipliers at the stages.
-    `ratio` is the length of the next step divided by that of the last.
+    `ratio` is the length of the next step divided by the length of the last.
     """
     changes, pushes = old[:STAGES], old[STAGES:]
     return [*RADAU5.predict(ratio, *changes), *continued(C, C, ratio, pushes)]

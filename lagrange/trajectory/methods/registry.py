@@ -1,4 +1,4 @@
-"""Table of all methods by name: built-in, registered by the user, and those of installed packages by entry point."""
+"""Table of all methods by name: built-in methods, methods of the user, and methods of installed packages."""
 
 from __future__ import annotations
 
@@ -62,8 +62,9 @@ def register(name: str, method: Any, *, order: int | None = None, replaces: bool
     """Register a method under a name, so that `method="name"` selects it in this process.
 
     `method` is a ButcherTableau, an instance of an integrator, its class, or a function that makes one and is called
-    without arguments. With `order` it is a step function for `step_method`. With `replaces=True` the name may be that
-    of a registered method. Raises StatementError for an argument that is not a method, or whose claims are wrong.
+    without arguments. With `order` it is a step function for `step_method`. With `replaces=True` the name may be the
+    name of a registered method, which is replaced. Raises StatementError for an argument that is not a method, or whose
+    claims are wrong.
     """
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise StatementError(
@@ -136,7 +137,10 @@ class MethodTable(tuple[MethodRow, ...]):
         return text_table(TITLES, self._cells("{}", "-"), right=(1, len(TITLES) - 2))
 
     def _cells(self, name: str, no: str) -> list[list[str]]:
-        """Return the cells of each row; `name` is the template of names, and `no` the text of what is missing."""
+        """Return the cells of each row.
+
+        `name` is the template of names, and `no` the text of a claim that a method does not make.
+        """
         return [
             [
                 *(name.format(row.name), str(row.claims.order), "adaptive" if row.claims.adaptive else "fixed"),
@@ -171,7 +175,7 @@ TITLES = ["method", "order", "step", *(what for what, _ in MARKS), "dense", "abo
 
 
 def names() -> list[str]:
-    """Return the names of all methods: built-in ones, those of installed packages, and registered ones."""
+    """Return the names of all methods: built-in methods, methods of installed packages, and registered methods."""
     return [*BUILT_IN, *(name for name in sorted(_offered()) if name not in BUILT_IN), *_registered]
 
 

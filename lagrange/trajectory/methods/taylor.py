@@ -151,9 +151,9 @@ this factor the lengths stay within 1e-13 of 1 over 1e5 steps at the default tol
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
     """Return the square roots whose zeros end a Taylor series, as a mapping from root to a power of its radicand.
 
-    The roots are those in the equations of motion and those in the expressions `events`. A square root that is itself
-    an event is left out, because its zeros are found as those of the event. The power is that in the equations or
-    events, such as x**(1/3).
+    The roots occur in the equations of motion or in the expressions `events`. A square root that is itself an event is
+    left out, because its zeros are found as zeros of the event. The power is that in the equations or events, such as
+    x**(1/3).
     """
     if not events:
         return model.square_roots

@@ -23,9 +23,8 @@ EQUAL_STEPS = 1000
 """Number of equal steps of a run if no step is stated; the status card reports it."""
 
 STEPS_UNDER_BRIEF_FORCE = 1000
-"""Least number of adaptive steps of a run if a force may act for a short time (`Structure.brief`). A system at rest
-would step over it without an error.
-"""
+"""Smallest number of adaptive steps of a run if a force may act for a short time (`Structure.brief`). Longer steps of a
+system at rest would pass over such a force without an error."""
 
 LEAST_RTOL = 100 * 2.0**-52
 """Smallest relative tolerance. Below it rounding exceeds the tolerance."""
@@ -51,7 +50,7 @@ def adaptive_settings(
     least: float = LEAST_RTOL,
     margin: Callable[[float], float] = lambda rtol: 1.0,
 ) -> Tolerances:
-    """Return the tolerances of an adaptive method: those of the run, else of the method, else the defaults.
+    """Return the tolerances of an adaptive method: the tolerances of the run, else of the method, else the defaults.
 
     `name` is the method's name. `step`, `rtol` and `atol` are the method's own options, None if not given; a step is
     refused. If the run and the method both state a tolerance, the two must be equal. The default absolute tolerance
@@ -79,7 +78,7 @@ def adaptive_settings(
 def fixed_settings(
     name: str, problem: Problem, step: float | None, rtol: float | None, atol: float | None
 ) -> Tolerances:
-    """Return the step of a fixed-step method: that of the run, else of the method, else a thousandth of the span.
+    """Return the step of a fixed-step method: the step of the run, else of the method, else a thousandth of the span.
 
     `name` is the method's name. `step`, `rtol` and `atol` are the method's own options, None if not given; tolerances
     are refused.
@@ -149,7 +148,7 @@ def check_unconstrained(name: str, model: Model) -> None:
 
 
 def _option(name: str, what: str, run_value: Any, method_value: Any) -> float | None:
-    """Return the option `what`, "step", "rtol" or "atol": that of the run, else that of method `name`, else None.
+    """Return the option `what`, "step", "rtol" or "atol": the run's value, else the value of method `name`, else None.
 
     Raises StatementError if the run and the method state different values.
     """

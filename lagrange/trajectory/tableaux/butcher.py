@@ -45,7 +45,7 @@ def rows(text: str) -> tuple[Coefficients, ...]:
 def triangle(entries: Sequence[Entry], first: int = 0) -> tuple[tuple[Entry, ...], ...]:
     """Return entries as rows of a triangle: the first row has `first` entries, each later row has one more.
 
-    Entries are in order of rows. The rows are those of the matrix A of an explicit method.
+    Entries are in order of rows. The matrix A of an explicit method has such rows.
     """
     lines: list[tuple[Entry, ...]] = []
     begin = 0
@@ -78,7 +78,7 @@ def moved(tableau: ButcherTableau, f: Callable[[Any, Any], Any], t: Any, y: Any,
 def _weighted(weights: Coefficients, slopes: Sequence[Any]) -> Any:
     """Return the sum of the slopes of stages, each times its weight.
 
-    Slopes after the last weight, and those with the weight zero, are left out.
+    Slopes after the last weight, and slopes with the weight zero, are left out.
     """
     return sum(slope * (int(w) if w == int(w) else float(w)) for w, slope in zip(weights, slopes, strict=False) if w)
 
@@ -175,7 +175,7 @@ class ButcherTableau:
 
     @property
     def rows(self) -> tuple[Coefficients, ...]:
-        """The rows of A, then those of the further stages that only the dense output needs."""
+        """The rows of A, then the rows of the further stages that only the dense output needs."""
         return self.A + (self.dense.stages if self.dense else ())
 
     @property
