@@ -296,10 +296,7 @@ def _submitted(runner: Runner, starts: Starts) -> Any:
 
 
 def _result(future: Any) -> ChunkResult:
-    """Return the results of a chunk from its future, once it is finished.
-
-    Raises RunError if the executor failed, or the error that a member raised.
-    """
+    """Return the results of a chunk. Raises the error of a member, or RunError if the executor failed."""
     with _working():
         result = future.result()
     if not isinstance(result, ChunkResult):
@@ -371,10 +368,7 @@ class ResultCollector:
 
 
 def results_in_memory(job: Job, table: MemberTable) -> Results:
-    """Return empty arrays for the results of an ensemble.
-
-    Raises StatementError if they exceed a quarter of the memory.
-    """
+    """Return blank results of an ensemble. Raises StatementError if they exceed a quarter of the memory."""
     members, columns = len(table), job.columns
     size, limit = members * sum(column.bytes for column in columns), machine_memory() / MEMORY_DIVISOR
     if size > limit:

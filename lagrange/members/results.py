@@ -121,10 +121,7 @@ def event_states(k: int) -> str:
 
 
 def keep_of(keep: Any, model: Model, events: Sequence[Any]) -> Keep:
-    """Return the user's `keep` option as a `Keep`. Raises StatementError for unknown names and invalid expressions.
-
-    `events` are the events of the runs.
-    """
+    """Return the user's `keep` option, for runs with `events`. Raises StatementError for unknown or invalid entries."""
     listed = entries((keep,) if isinstance(keep, str) or _is_reduction(keep) or _is_first(keep) else keep, "keep")
     if not listed:
         raise StatementError(f'keep is {shown(keep)}: give at least one result, such as ("end", ("max", theta)).')
@@ -153,10 +150,7 @@ def keep_of(keep: Any, model: Model, events: Sequence[Any]) -> Keep:
 
 
 def _add(reductions: list[Reduction], added: Reduction) -> None:
-    """Append the reduction `added` to the list unless the list has it.
-
-    If a different expression has the same text, a number is added to the name.
-    """
+    """Append the reduction `added` unless the list has it. Different expressions with the same text get numbers."""
     if any((reduction.how, reduction.expression) == (added.how, added.expression) for reduction in reductions):
         return
     names = {reduction.name for reduction in reductions}
@@ -170,10 +164,7 @@ def reduction_label(key: Any, model: Model) -> str | None:
 
 
 def entry_for(label: str) -> str:
-    """Return the entry of the user's `keep` option that creates the column `label`, as text for a message.
-
-    The text is "" if there is no such entry.
-    """
+    """Return, for a message, the entry of the user's `keep` option that creates the column `label`, else ""."""
     if label == DRIFT or label in COUNTED:
         return f'"{DRIFT if label == DRIFT else COUNTS}"'
     how, bracket, rest = label.partition("(")
@@ -286,10 +277,7 @@ class SampledRun:
         return best
 
     def _inside(self, expression: Any, begin: float, length: float, fraction: float, *_: Any) -> float:
-        """Return an expression at a `fraction` of the step from `begin` to `begin` + `length`.
-
-        Further arguments are not used.
-        """
+        """Return an expression at a `fraction` of the step of the duration `length` that starts at `begin`."""
         times = np.array([begin + fraction * length])
         return float(self._values(expression, times, self.run.dense(times))[0])
 

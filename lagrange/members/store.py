@@ -139,10 +139,7 @@ def _reason(error: Exception) -> str:
 
 
 def checksum(rows: Any) -> int:
-    """Return a checksum of an array of rows and of their type and shape: 64 bits of a digest.
-
-    It is never 0, because 0 marks unwritten rows.
-    """
+    """Return a 64-bit checksum of rows, their type and shape. It is never 0, because 0 marks unwritten rows."""
     digest = hashlib.blake2b(f"{rows.dtype.str} {rows.shape}".encode(), digest_size=8)
     digest.update(np.ascontiguousarray(rows).data if rows.size else b"")
     return int.from_bytes(digest.digest(), "little") or 1

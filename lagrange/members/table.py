@@ -308,10 +308,7 @@ MOST_CHECKED = 100_000
 
 
 def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any], dict[int, Any]]:
-    """Return the keys that vary, by index in the state, by rate of a rotation, and by index of a parameter.
-
-    Raises StatementError for an unknown key.
-    """
+    """Return the keys by index in the state, by rate, and by index of a parameter. Raises StatementError for others."""
     statement = model.statement
     rows, by_name = state_rows(statement.coordinates), {p.name: i for i, p in enumerate(statement.parameters)}
     turned = map(rotation_of, statement.rotations)

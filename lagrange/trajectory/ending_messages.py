@@ -139,11 +139,10 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
         coarser = "lengthen the step" if rtol is None else "loosen rtol"
         nodes = reachable(problem.model.equations.accelerations) if rtol is not None else ()
         jumps = any(node.kind is Kind.CALL and node.data == "sign" for node in nodes)
-        limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
         other = f"or, if the motion does not grow like that, {finer}" if grown else f"or {coarser}"
         events = ", or end the run at an event with terminal=True" if problem.events else ""
         stiff = "" if method == "radau5" else _STIFF
-        return f"Raise {limit}, {other}{events}{_STICKS if jumps else ''}{stiff}."
+        return f"Raise {status.value}, {other}{events}{_STICKS if jumps else ''}{stiff}."
     if status is Status.MAX_MEMORY:
         other = finer if grown else "lengthen the step" if rtol is None else "loosen rtol"
         alone = "" if problem.t_eval is not None else "give t_eval, which is kept without the steps, "
@@ -230,8 +229,7 @@ def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, i
     indices: the small entry, and the entry of the same kind (coordinate or velocity) with the largest tolerance.
     `atol` is the present absolute tolerance of the second.
     """
-    limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
-    names, (row, largest) = problem.model.layout.names(), which
+    limit, names, (row, largest) = status.value, problem.model.layout.names(), which
     return (
         f"It used up {limit}, because {names[row]} limits the step: it is {y[row]:.2g} while {names[largest]} is "
         f"{y[largest]:.2g}, and without atol each entry is accurate to rtol of its own size. Give atol = {atol:.0e}, "

@@ -56,10 +56,7 @@ to the centre of polar coordinates its share is zero.
 
 
 def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
-    """Return the message for a run that ends because the inertia of a motion vanishes, else "".
-
-    The run ends at time t and state y (2n,).
-    """
+    """Return the message for a run that ends at t and y (2n,) because the inertia of a motion vanishes, else ""."""
     model, parameters = problem.model, problem.parameter_array
     if len(model.equations.constraints):
         (singular,) = remaining_regularity(problem, [t], y)

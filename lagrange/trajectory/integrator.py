@@ -85,27 +85,18 @@ class RunOptions(NamedTuple):
 
     @property
     def step_limit(self) -> int:
-        """Largest number of trial steps of the run, by default `MAX_STEPS`.
-
-        Raises StatementError if it is not a whole number of at least 1.
-        """
+        """Largest number of trial steps, by default `MAX_STEPS`. Raises StatementError unless it is at least 1."""
         return MAX_STEPS if self.max_steps is None else whole_number(self.max_steps, "max_steps", 1)
 
     @property
     def wall_limit(self) -> float | None:
-        """Time limit of the run in seconds, or None for no limit.
-
-        Raises StatementError if it is not a positive number.
-        """
+        """Time limit of the run in seconds, or None for no limit. Raises StatementError unless it is positive."""
         remedy = "give a positive number of seconds"
         return None if self.max_wall is None else positive_number(self.max_wall, "max_wall", remedy)
 
     @property
     def memory_limit(self) -> float | None:
-        """Largest number of bytes that the run may store, or None if the user gave none.
-
-        Raises StatementError if it is not a positive number.
-        """
+        """Largest number of bytes that the run may store, or None. Raises StatementError unless it is positive."""
         remedy = "give a positive number of bytes"
         return None if self.max_memory is None else positive_number(self.max_memory, "max_memory", remedy)
 
@@ -197,10 +188,7 @@ class Problem:
 
 
 def run_by(integrator: Integrator, problem: Problem) -> Trajectory:
-    """Return the trajectory of a problem by an integrator.
-
-    Raises StatementError if a user's method does not return a trajectory.
-    """
+    """Return the trajectory of a problem. Raises StatementError if a user's integrator returns something else."""
     trajectory: Any = integrator.integrate(problem)
     if not isinstance(trajectory, Trajectory):
         raise StatementError(

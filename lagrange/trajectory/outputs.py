@@ -32,10 +32,7 @@ PathOf = Callable[[FloatArray, FloatArray], StepPath]
 
 
 class WrittenStates(NamedTuple):
-    """Accepted times (k,) and states (k, 2n) of a run that one call of the driver wrote.
-
-    `call` is the number of this call.
-    """
+    """Accepted times (k,) and states (k, 2n) of a run that driver call number `call` wrote."""
 
     times: FloatArray
     states: FloatArray
@@ -83,10 +80,7 @@ class AcceptedStates:
         return self._times, self._rows
 
     def collect(self, state: DriverState) -> None:
-        """Store the accepted times and states that the last call of the driver wrote.
-
-        Collecting the same call again, as after Ctrl-C, does nothing.
-        """
+        """Store the accepted states of the last driver call. A second call, as after Ctrl-C, has no effect."""
         written, times, rows = state.count(DriverState.ROWS), self._times, self._rows
         if written and self.parts[-1].call < self._calls:
             # A view of a few rows would keep the memory of all rows.
@@ -171,10 +165,7 @@ class FollowedSteps:
         """
 
     def joined(self, count: int, last: FloatArray) -> FloatArray:
-        """Return the states (2n, count) at the first `count` output times.
-
-        At output times that are not yet evaluated, the state is `last` (2n,).
-        """
+        """Return the states (2n, count) at the first `count` output times, `last` (2n,) if not yet evaluated."""
         self._y[:, self._done : count] = last[:, None]
         return np.ascontiguousarray(self._y[:, :count])
 

@@ -226,10 +226,7 @@ class OutputPath:
     refusal: str = ""
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states (2n, k) at times (k,) in any order.
-
-        Raises RunError for a time between output times if there is no path.
-        """
+        """Return the states (2n, k) at times (k,). Without a path, raises RunError between output times."""
         forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
         return sorted_along(forward, times, self._sorted)
 

@@ -80,10 +80,7 @@ class Stepped(Protocol):
 
 
 def locates_events(integrator: Integrator) -> bool:
-    """Return True if a method locates events.
-
-    A method that prepares a plan does so. Any other method says so in its `claims`.
-    """
+    """Return True if a method locates events: it prepares a plan, or says so in its `claims`."""
     return hasattr(integrator, "plan") or integrator.claims.events
 
 

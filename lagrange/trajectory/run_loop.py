@@ -235,7 +235,7 @@ class _Run:
     def advance_to_end(self, driver: Driver, per_call: int) -> tuple[Status, str]:
         """Advance the run to its end; return its status and cause. The first driver call takes `per_call` steps."""
         problem, state, rows, pace = self.problem, self.state, self.rows, Pace(self.problem)
-        advance = (EventDriver(driver, self.watch) if isinstance(self.watch, StepWatch) else driver).advance
+        advance = EventDriver(driver, self.watch).advance if isinstance(self.watch, StepWatch) else driver.advance
         result = GOES_ON if self.watch is None else self.watch.begin(state)
         counts, memory = state.integers, memory_limit(problem)
         try:

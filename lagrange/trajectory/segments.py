@@ -235,10 +235,7 @@ def point_of(problem: Problem, part: Trajectory, y: FloatArray, status: Status, 
 
 
 def resting_part(segment: Problem, part: Trajectory) -> Trajectory:
-    """Return a part of a run in which nothing moves.
-
-    It goes from the end of the part `part` to the end of `segment`.
-    """
+    """Return a part of a run in which nothing moves, from the end of `part` to the end of `segment`."""
     t, (begin, end), y = segment.t_eval, (part.span[1], segment.t1), segment.y0
     t = np.array([begin, end]) if t is None else t
     return replace(

@@ -217,10 +217,7 @@ class Solution:
 
     @cached_property
     def stiff(self) -> Stiffness | None:
-        """The stiffness of a stiff run, whose steps were limited by stability and not by accuracy.
-
-        None for other runs.
-        """
+        """The stiffness of a run whose steps were limited by stability and not by accuracy; None for other runs."""
         return stiffness(self.model, self.trajectory, self.parameters)
 
     def evaluate(self, expression: Any) -> FloatArray:

@@ -18,7 +18,7 @@ from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import entries, real_number
 from lagrange.statement.rotation import Rotation, quaternion_rows
 from lagrange.statement.space import SpaceMatrix
-from lagrange.trajectory.constraints.projection import Projection
+from lagrange.trajectory.constraints.projection import NEAREST_CORRECTIONS, Projection
 from lagrange.trajectory.constraints.residuals import ON_SURFACE, residuals_of, units_of
 
 LARGEST_VIOLATION = 1e-2
@@ -128,10 +128,6 @@ def complete_start(model: Model, t: float, y: FloatArray, parameters: FloatArray
     return consistent_start(model, t, y, parameters) if model.equations.first_order else y
 
 
-START_CORRECTIONS = 20
-"""Largest number of Newton corrections of velocities. Equations that are linear in the velocities take one."""
-
-
 def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return states y (2n, k) with computed velocities of coordinates without inertia.
 
@@ -141,7 +137,7 @@ def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) ->
     if not model.equations.unsettled:
         return y
     y, corrections, size = y.copy(), model.law("projection"), model.layout.size
-    for _ in range(START_CORRECTIONS):
+    for _ in range(NEAREST_CORRECTIONS):
         corrected = model.called(corrections, t, y, parameters)
         off = corrected[size] > ON_SURFACE
         if not off.any():

@@ -108,10 +108,7 @@ class ConstraintResiduals:
         return bool((np.abs(results[:half]) <= ON_SURFACE * results[half:]).all())
 
     def worst(self, t: float, y: FloatArray, parameters: FloatArray) -> tuple[str, float]:
-        """Return the text of the constraint that a state y (2n,) violates most, and its violation.
-
-        The violation is relative to the terms of the constraint.
-        """
+        """Return the name of the constraint that y (2n,) violates most, and the violation relative to its terms."""
         values, terms = self.of_many(t, y, parameters)
         shares = np.abs(values) / np.where(terms > 0, terms, 1.0)
         row = int(np.argmax(np.where(np.isfinite(shares), shares, np.inf)))
@@ -132,10 +129,7 @@ class ConstraintResiduals:
         return rows.reshape(len(self.names), -1, len(t))
 
     def surfaces(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the values (s, k) of the functions that are zero on the constraints' switching surfaces.
-
-        The times are (k,) and the states (2n, k).
-        """
+        """Return the switching functions of the constraints, (s, k), at times (k,) and states (2n, k)."""
         return np.empty((0, len(t))) if self._surfaces is None else self._surfaces(t, y, parameters)
 
     def of_part(self, part: int, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:

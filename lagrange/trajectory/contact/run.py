@@ -234,9 +234,9 @@ class _ContactRun:
         """
         problem, begins = self.problem, self.begins
         if sum(part.steps + part.rejected for part in self.parts) + len(self.parts) >= problem.max_steps:
-            status, limit = Status.MAX_STEPS, "max_steps"
+            status = Status.MAX_STEPS
         elif problem.max_wall is not None and time.perf_counter() - problem.began > problem.max_wall:
-            status, limit = Status.MAX_WALL, "max_wall"
+            status = Status.MAX_WALL
         elif sum(abs(end - t) <= CLOSEST * max(abs(end), EARLIEST) for t in begins[-MOST_AT_ONCE:]) < MOST_AT_ONCE:
             return None
         else:
@@ -255,8 +255,8 @@ class _ContactRun:
         names = [repr(each.name) for each, rows in pairs if len(rows[-1]) and rows[-1][-1, TIME] >= recent[0]]
         what = f"impacts of {listing(names)}" if names else "changes between sliding and sticking"
         return status, (
-            f"It used up {limit} in {len(begins)} changes of the mode, the last ones {between:.2g} apart in time, "
-            f"by {what}. Raise {limit}, change restitution or friction, or end the run before."
+            f"It used up {status.value} in {len(begins)} changes of the mode, the last ones {between:.2g} apart in "
+            f"time, by {what}. Raise {status.value}, change restitution or friction, or end the run before."
         )
 
     def _segment(self, segment: Problem, mode: Mode) -> Mode:

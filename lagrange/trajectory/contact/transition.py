@@ -82,10 +82,7 @@ class _Rest(NamedTuple):
 
 
 class Transitions:
-    """Computes the state and the mode of a run after a mode has ended.
-
-    `shared` is a sentence on contacts whose forces the laws did not determine, or "".
-    """
+    """Computes the state and the mode after a mode has ended. `shared` is a note on contacts that share forces."""
 
     def __init__(self, modes: Modes, kinematics: Kinematics, span: float, rtol: float) -> None:
         self.modes, self.kinematics = modes, kinematics
@@ -298,10 +295,7 @@ class Transitions:
         return self._projected(touch, mode, starts, near), mode, accelerations
 
     def _slow(self, touch: ContactState, along: Sequence[int]) -> float:
-        """Return the speed up to which a slip in the rows `along` counts as zero.
-
-        In a plane it is at least `Mode.slowest`.
-        """
+        """Return the speed up to which a slip in the rows `along` is zero: in a plane, at least `Mode.slowest`."""
         noise = float(touch.noise[along].max(initial=0.0))
         return max(self._slowest, noise) if len(along) > 1 else noise
 

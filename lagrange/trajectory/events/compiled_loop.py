@@ -127,14 +127,8 @@ class WatchedEvents:
         Events on steps that are not yet searched completely begin to count when these steps are accepted.
         """
         memory = self.memory
-        waits, proven, new_events = memory.waits, memory.run.proven, memory.new_events()
-        if waits:
-            log.keep(
-                new_events.which[:proven], new_events.when[:proven], new_events.event_states[:proven], memory.taken
-            )
-            log.keep(
-                new_events.which[proven:], new_events.when[proven:], new_events.event_states[proven:], memory.reviewed
-            )
-        else:
-            log.keep(new_events.which, new_events.when, new_events.event_states, log.steps)
-        breaks.extend(new_events.rows, new_events.times, new_events.states)
+        proven, new = memory.run.proven if memory.waits else 0, memory.new_events()
+        steps = memory.reviewed if memory.waits else log.steps
+        for part, accepted in ((slice(proven), memory.taken), (slice(proven, None), steps)):
+            log.keep(new.which[part], new.when[part], new.event_states[part], accepted)
+        breaks.extend(new.rows, new.times, new.states)

@@ -24,13 +24,16 @@ class EventResult:
     smooth: bool = False
 
 
+_AS_CONTACT = "State the reset as a contact, as in contacts={'floor': lagrange.contact(gap=...)}"
+
+
 def at_rest(name: str) -> EventResult:
     """Return the end of a run that comes to rest on the contact `name`, because the reset leaves no velocity."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"After the reset {name} is zero, its rate is zero, and the motion would cross zero: the body comes to rest "
-        "there, as a ball does after infinitely many impacts, and the reset does not say how it stays. State the reset "
-        "as a contact, as in contacts={'floor': lagrange.contact(gap=...)}, or end the run with a terminal event.",
+        "there, as a ball does after infinitely many impacts, and the reset does not say how it stays. "
+        f"{_AS_CONTACT}, or end the run with a terminal event.",
     )
 
 
@@ -39,8 +42,7 @@ def accumulating(name: str) -> EventResult:
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"Events accumulate: {name} is zero again and again within the spacing of floating-point times, as for a ball "
-        "that comes to rest after infinitely many impacts. State the reset as a contact, as in "
-        "contacts={'floor': lagrange.contact(gap=...)}, or end the run with a terminal event.",
+        f"that comes to rest after infinitely many impacts. {_AS_CONTACT}, or end the run with a terminal event.",
     )
 
 
@@ -49,9 +51,8 @@ def unresolved(name: str) -> EventResult:
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"The resets where {name} is zero follow each other too quickly for the steps of the method, as when a ball "
-        "comes to rest after infinitely many impacts. State the reset as a contact, as in "
-        "contacts={'floor': lagrange.contact(gap=...)}, end the run before, or take smaller tolerances, a shorter "
-        "step, or a one-step method such as dop853.",
+        f"comes to rest after infinitely many impacts. {_AS_CONTACT}, end the run before, or take smaller tolerances, "
+        "a shorter step, or a one-step method such as dop853.",
     )
 
 
@@ -113,24 +114,17 @@ def zero_root(name: str) -> EventResult:
     )
 
 
-def without_series(name: str, value: float, *, smooth: bool) -> EventResult:
-    """Return the end of a run at a point after which the series of the watched function `name` is not valid.
+def without_value(
+    name: str, value: float, lack: str = "after this time it has none", *, smooth: bool = False
+) -> EventResult:
+    """Return the end of a run at a point after which the watched function `name` has no value, or no Taylor series.
 
-    `value` is the value of the function there. `smooth` is True for a switching surface, since the motion may
-    continue although the series of the surface ends.
+    `value` is the value of the function there, and `lack` says what is missing. `smooth` is True for a switching
+    surface, since the motion may continue although the series of the surface ends.
     """
     return EventResult(
         Status.NON_FINITE,
-        f"The event function {name} has a pole there or leaves its domain: its value is {value:.4g}, and it has no "
-        "Taylor series. End the run before, or give an event without the division, root or logarithm.",
+        f"The event function {name} has a pole there or leaves its domain: its value is {value:.4g}, and {lack}. End "
+        "the run before, or give an event without the division, root or logarithm.",
         smooth=smooth,
-    )
-
-
-def without_value(name: str, value: float) -> EventResult:
-    """Return the end of a run at a point where event function `name` is `value`, and after which it has no value."""
-    return EventResult(
-        Status.NON_FINITE,
-        f"The event function {name} has a pole there or leaves its domain: its value is {value:.4g}, and after this "
-        "time it has none. End the run before, or give an event without the division, root or logarithm.",
     )

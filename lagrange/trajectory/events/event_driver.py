@@ -33,9 +33,6 @@ class EventDriver:
         self._next_left, self._left_to_arrays, self._reviewed = 1, 0, 0
         self._first = self._stale = True
 
-    def adopt(self, state: DriverState) -> None:
-        """Do nothing. Only a driver by Taylor series replaces the array `state.y` by its own."""
-
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run by at most `budget` steps; write accepted times and states to `times` (k,), `rows` (k, 2n).
 

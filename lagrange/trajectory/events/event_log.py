@@ -37,10 +37,7 @@ class Occurrences:
         return self._count
 
     def append(self, t: float, y: FloatArray, steps: int) -> None:
-        """Add an occurrence at a time t and a state y (2n,).
-
-        It is reported as soon as the run has `steps` accepted steps.
-        """
+        """Add an occurrence at time t and state y (2n,). It is reported after `steps` accepted steps."""
         self.extend(np.array([t]), y[None], steps)
 
     def extend(self, t: FloatArray, y: FloatArray, steps: int, mark: object = None) -> None:
@@ -178,10 +175,7 @@ class EventLog:
 
 
 class ChangeCounter:
-    """Counts changes of the motion, such as resets, that happen at nearly one time.
-
-    Too many of them mean that the run does not advance.
-    """
+    """Counts changes of the motion, such as resets, at nearly one time: too many mean that the run does not advance."""
 
     def __init__(self) -> None:
         self.last = -math.inf

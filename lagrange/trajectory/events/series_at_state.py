@@ -57,10 +57,7 @@ class EventSeries:
         return cls(scale, unit, rtol, rows, watched, noise)
 
     def near(self, which: int) -> FloatArray:
-        """Return the series (order + 1,) of the event function with index `which`.
-
-        Its unit of time is chosen so that its terms are comparable.
-        """
+        """Return the series (order + 1,) of event function `which` in a unit of time with comparable terms."""
         return near(self.watched[:, which : which + 1], self.unit, self.rtol, self.noise[which : which + 1])[:, 0]
 
     def leaving(self, which: int, margin: float = math.inf) -> tuple[int, int]:
@@ -73,10 +70,7 @@ class EventSeries:
         return leaving(self.watched[:, which], margin, self.unit, tolerance, float(self.noise[which]))
 
     def falls(self, which: int, soon: float) -> bool:
-        """Return True if event function `which` reaches zero within the time `soon`.
-
-        Only its value and its first derivative are used.
-        """
+        """Return True if event function `which` reaches zero within the time `soon`, by its value and slope."""
         g, slope = self.watched[:2, which]
         return bool(g * slope < 0 and abs(g) <= abs(slope) * soon / abs(self.scale))
 

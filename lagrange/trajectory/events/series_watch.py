@@ -24,7 +24,7 @@ from lagrange.trajectory.events.end_messages import (
     at_rest,
     sliding,
     undefined,
-    without_series,
+    without_value,
     zero_root,
 )
 from lagrange.trajectory.events.event_log import ChangeCounter, EventLog
@@ -137,7 +137,8 @@ class SeriesWatch(EventLog):
         limiting = int(self.memory.record.limiting)
         name, value = self.names()[limiting], float(ahead.watched[0, limiting])
         smooth = limiting < self.surfaces
-        return zero_root(name) if self.is_root(limiting) else without_series(name, value, smooth=smooth)
+        lack = "it has no Taylor series"
+        return zero_root(name) if self.is_root(limiting) else without_value(name, value, lack, smooth=smooth)
 
     def end(self, state: DriverState) -> EventResult:
         """Apply the pending events at the end of the run, and return the result: how the run ends."""
@@ -389,10 +390,7 @@ class SeriesWatch(EventLog):
         return zeros
 
     def ahead(self, state: DriverState, y: FloatArray | None = None) -> EventSeries:
-        """Return the series at the driver's state, or at y (2n,), with the present signs of surfaces.
-
-        The last result is cached.
-        """
+        """Return the series at the driver's state, or at y (2n,), for the present signs of surfaces. It is cached."""
         values, scale = self.values, signed_scale(state)
         y = state.y if y is None else y
         key, rtol = (state.t, scale, y.tobytes(), values.tobytes()), float(state.reals[S.RTOL])
@@ -475,10 +473,7 @@ class SeriesWatch(EventLog):
         return bool(self.memory.record.fresh)
 
     def leave_start_to_the_loop(self, state: DriverState, *, first: bool) -> None:
-        """Let the compiled loop determine the signs of functions at the start of a smooth piece of motion.
-
-        `first` is True at the start of the run.
-        """
+        """Let the compiled loop determine the signs of functions at the `first` or a later start of a motion."""
         if first:
             self.epochs.append((0, self.values))
         else:

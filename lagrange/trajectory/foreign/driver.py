@@ -163,10 +163,7 @@ class GuardedRhs:
             self.fault_at = self.evaluations
 
     def recent_fault(self) -> Fault | None:
-        """Return the last fault if it is at most 100 evaluations old, else None.
-
-        It is the probable reason why a solver makes no progress.
-        """
+        """Return the last fault, the probable cause of no progress, if it is at most 100 evaluations old."""
         return self.last_fault if self.evaluations - self.fault_at <= 100 else None
 
 

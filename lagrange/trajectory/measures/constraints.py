@@ -120,10 +120,7 @@ class ConstraintForces:
 
     @cached_property
     def _slopes(self) -> dict[str, FloatArray]:
-        """The derivatives dr/dq of the position r of each named point, by the name of the point.
-
-        Their shape is (2, n, N) or (3, n, N).
-        """
+        """The derivatives dr/dq of the position r of each named point by name, (2, n, N) or (3, n, N)."""
         equations = self.model.equations
         slopes: dict[str, FloatArray] = {}
         for label, point in self._points.items():
@@ -228,10 +225,7 @@ class ConstraintDrift:
 
 
 def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> ConstraintDrift | None:
-    """Return the violations of the constraints in states y (2n, N) at times t (N,).
-
-    Return None without constraints or without states.
-    """
+    """Return the constraints' violations in states y (2n, N) at times t (N,), or None if either is empty."""
     values, constraints = model.parameter_array(parameters), model.equations.stated
     if not len(constraints) or not len(t):
         return None

@@ -75,10 +75,7 @@ def times_at(run: Trajectory, rate: Any) -> FloatArray:
 
 
 def divided(t: FloatArray, parts: int) -> FloatArray:
-    """Return the times (K,) that divide each interval between successive times `t` into `parts` equal parts.
-
-    The times `t` themselves are included.
-    """
+    """Return the times `t` with further times (K,) that divide each interval between them into `parts` equal parts."""
     if len(t) < 2 or parts < 2:
         return t
     inner = t[:-1, None] + np.arange(parts) / parts * np.diff(t)[:, None]

@@ -1,4 +1,1 @@
-"""Integration methods, a file for each family: Runge-Kutta, splitting, implicit, variational, Taylor.
-
-Each claims its properties.
-"""
+"""Integration methods and their claimed properties: Runge-Kutta, splitting, implicit, variational, Taylor."""

@@ -119,10 +119,7 @@ def _program(
 
 
 def trapezoidal(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Return the state at t + h, after a step from y at t along the mean of the slopes f at both ends.
-
-    The slope at the end is the unknown.
-    """
+    """Return y at t + h by the mean of the slopes f at both ends of the step. The slope at the end is the unknown."""
     first = f(t, y)
     k = solve(lambda k: f(t + h, y + (first + k) * (h / 2)) - k, first)
     return y + (first + k) * (h / 2)
@@ -205,10 +202,7 @@ def _rounded(x: Fraction) -> Fraction:
 
 @dataclass(frozen=True)
 class Collocation:
-    """The step function of an implicit Runge-Kutta method with the tableau A, b, c.
-
-    Its unknowns are the slopes of the stages.
-    """
+    """The step function of an implicit Runge-Kutta method A, b, c, whose unknowns are the slopes of the stages."""
 
     A: tuple[tuple[Abscissa, ...], ...]
     b: tuple[Abscissa, ...]

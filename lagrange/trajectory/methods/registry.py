@@ -137,10 +137,7 @@ class MethodTable(tuple[MethodRow, ...]):
         return text_table(TITLES, self._cells("{}", "-"), right=(1, len(TITLES) - 2))
 
     def _cells(self, name: str, no: str) -> list[list[str]]:
-        """Return the cells of each row.
-
-        `name` is the template of names, and `no` the text of a claim that a method does not make.
-        """
+        """Return the cells of each row: `name` is the template of names, `no` the text of a claim that is not made."""
         return [
             [
                 *(name.format(row.name), str(row.claims.order), "adaptive" if row.claims.adaptive else "fixed"),
@@ -244,10 +241,7 @@ def _about(name: str, integrator: Integrator) -> str:
 
 @cache
 def _loaded(name: str) -> Callable[[], Integrator]:
-    """Return the constructor of the method `name` of another package; it is cached.
-
-    Loading it takes as long as a short run.
-    """
+    """Return the constructor of another package's method `name`. It is cached, since loading takes as long as a run."""
     loaded: Callable[[], Integrator] = _offered()[name].load()
     return loaded
 

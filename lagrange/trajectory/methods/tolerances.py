@@ -31,10 +31,7 @@ LEAST_RTOL = 100 * 2.0**-52
 
 
 def check_options(step: Any = None, rtol: Any = None, atol: Any = None) -> None:
-    """Raise StatementError for a step size or a tolerance that no run could use.
-
-    Methods call this when they are made.
-    """
+    """Raise StatementError for a step size or tolerance that no run could use, when a method is made."""
     for what, value in (("step", step), ("rtol", rtol), ("atol", atol)):
         if value is not None:
             _number(what, value)
@@ -108,10 +105,7 @@ def check_problem(name: str, problem: Problem) -> None:
 
 
 def check_holonomic(name: str, model: Model) -> None:
-    """Raise StatementError for constraints stated in velocities, and for coordinates without inertia.
-
-    Method `name` supports neither.
-    """
+    """Raise StatementError for constraints in velocities or coordinates without inertia, in method `name`."""
     equations = model.equations
     constraints = equations.stated
     stated = [repr(label) for label, phi in zip(constraints.names, constraints.positions, strict=True) if phi is None]
@@ -130,10 +124,7 @@ def check_holonomic(name: str, model: Model) -> None:
 
 
 def check_unconstrained(name: str, model: Model) -> None:
-    """Raise StatementError if a model has constraints or coordinates without inertia.
-
-    Method `name` does not support them.
-    """
+    """Raise StatementError for constraints and coordinates without inertia, which method `name` does not support."""
     if model.equations.first_order:
         raise StatementError(
             f"{name} finds velocities from momenta, and {model.statement.name} has coordinates without "

@@ -30,10 +30,7 @@ HIGHEST_CHECKED = 10
 
 
 def row(text: str) -> Coefficients:
-    """Return the coefficients in a line of text such as ``"1/5 -3 0.25"``.
-
-    Whole numbers and fractions stay exact, decimals become floats.
-    """
+    """Return the coefficients in a text such as ``"1/5 -3 0.25"``: exact fractions, or floats for decimals."""
     return tuple(float(word) if "." in word else Fraction(word) for word in text.split())
 
 
@@ -317,10 +314,7 @@ def size(tree: Tree) -> int:
 
 @cache
 def density(tree: Tree) -> int:
-    """Return the density gamma of a tree: the exact solution has the weight theta**size / gamma for this tree.
-
-    theta is the fraction of the step.
-    """
+    """Return the density gamma of a tree: its weight in the exact solution is theta**size / gamma at fraction theta."""
     return size(tree) * prod(map(density, tree))
 
 
@@ -345,10 +339,7 @@ def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree,
 
 
 def dot(left: Coefficients, right: Coefficients) -> Coefficient:
-    """Return the sum of products of two rows of coefficients, up to the end of the shorter row.
-
-    The sum is exact if the entries are.
-    """
+    """Return the sum of products of two rows up to the end of the shorter one. It is exact if the entries are."""
     return sum((a * b for a, b in zip(left, right, strict=False) if a and b), Fraction(0))
 
 
