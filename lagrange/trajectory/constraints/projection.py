@@ -9,6 +9,7 @@ import numpy as np
 import sympy
 from sympy.core.function import AppliedUndef
 
+from lagrange.algorithm.projection import KEPT_VIOLATION
 from lagrange.equations.euler_lagrange import RELATION
 from lagrange.equations.singular import RANK, balanced
 from lagrange.errors import StatementError, listing
@@ -29,12 +30,12 @@ MOST_ENTRIES = 4
 LONGEST_EXPRESSION = 60
 """Longest expression that a message shows, in characters."""
 
-
-CONVERGED = 2.0**-52
-"""A residual of at most this fraction of its size needs no further correction."""
+CONVERGED = KEPT_VIOLATION / 2
+"""A residual of at most this fraction of its size needs no further correction. It is smaller than the violation that
+steps keep, so that the first step does not move a projected start."""
 
 NEAREST_CORRECTIONS = 60
-"""Largest number of corrections. Newton's method converges within ten from a nearby state."""
+"""Largest number of corrections of a start by Newton's method, which converges within ten from a nearby state."""
 
 SHORTEST_SHARE = 2.0**-10
 """Smallest fraction to which a correction is shortened. If that does not help, the search ends."""
