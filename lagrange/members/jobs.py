@@ -272,7 +272,7 @@ def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: R
         for future in under_way.values():
             future.cancel()
         with suppress(RunError):  # A disk that has failed fails again.
-            # The futures are read, not the queue of finished chunks: Ctrl-C may have interrupted its reading.
+            # Read the futures, not the queue `done`: Ctrl-C may have interrupted the reading of the queue.
             for first, future in under_way.items():
                 if not future.cancelled() and future.exception() is None:
                     take(first, _result(future))

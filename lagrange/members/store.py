@@ -100,7 +100,7 @@ def _locked(store: Path, path: Path) -> int:
                 os.ftruncate(descriptor, 0)
                 os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
             return descriptor
-        os.close(descriptor)  # The former owner of the lock has removed the file in between.
+        os.close(descriptor)  # The former owner of the lock has removed the file in the meantime.
 
 
 def _taken(store: Path, owner: str) -> RunError:

@@ -27,7 +27,7 @@ OVER = "÷"
 
 
 def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the variables in a store that hold a result column.
+    """Return the names of the variables in a store that contain a result column.
 
     A column of states has one variable for each entry of the state, with the names `names`. Any other column has one
     variable.

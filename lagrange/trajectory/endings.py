@@ -1,4 +1,4 @@
-"""Causes for the end of a run: lost inertia, dependent constraints, the end of a table, points without a motion."""
+"""Find why a run failed, for its message: vanishing inertia, dependent constraints, the end of a table, corners."""
 
 from __future__ import annotations
 
@@ -45,14 +45,12 @@ def slope_ahead(model: Model, t: float, y: FloatArray, parameters: FloatArray, h
 
 
 LOST_INERTIA = 2.0**-20
-"""Fraction of the smallest inertia at the start below which a motion has lost its inertia. Accelerations then grow
-without bound; steps become too small at 1e-8 to 1e-11 (eight systems, four methods).
-"""
+"""A mass matrix counts as singular if its smallest eigenvalue is below this fraction of that at the start.
+Accelerations then grow without bound. Steps become too small at 1e-8 to 1e-11 (eight systems, four methods)."""
 
 DOMINANT_SHARE = 0.5
-"""The run ends for lost inertia if the motion without inertia has at least this share of the accelerations. In a fall
-to the centre of polar coordinates its share is zero.
-"""
+"""A singular mass matrix is the cause of a failure if at least this share of the acceleration has the direction without
+inertia. In a fall to the centre of polar coordinates this share is zero."""
 
 
 def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
@@ -83,11 +81,12 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
 
 
 def remaining_regularity(problem: Problem, t: Sequence[float], y: FloatArray) -> list[Singular | None]:
-    """Return the most dependent rows, or the motion with least inertia, at states of a run with constraints.
+    """Return how close k states of a run with constraints are to dependent constraints or a singular mass matrix.
 
-    `t` are k times, and y (2n, k) the states there. `regularity` is the least singular value of the constraint
-    gradients G or of the mass matrix M, divided by that at the start. A result is None if a matrix is not finite. All
-    are None if a matrix is singular at the start.
+    `t` are k times, and y (2n, k) the states there. A result has the most dependent rows of the constraint gradients G,
+    or the velocities with the least inertia. Its `regularity` is the least singular value of G or of the mass matrix M,
+    divided by the value at the start. A result is None if a matrix is not finite. All are None if a matrix is singular
+    at the start.
     """
     model, y = problem.model, np.column_stack([problem.y0, y])
     mass, gradient = matrices_at(model, model.equations, np.array([problem.t0, *t]), y, problem.parameter_array)
@@ -143,8 +142,8 @@ def with_singular_state_ahead(problem: Problem, run: Trajectory, follow: Callabl
     """Return a run that diverged, with the status SINGULAR if its steps are equal and a singular state is the cause.
 
     For example a mass on a rod that shrinks to a point turns faster and faster, and equal steps fail long before the
-    point. `follow` runs a problem with step control. It runs the motion ahead, for twice the time in which the
-    regularity would decrease to zero at its present rate.
+    point. `follow` runs a problem with step control. It continues the run for twice the time in which the regularity
+    would decrease to zero at its present rate.
     """
     if run.step is None or not run.steps:
         return run
@@ -189,9 +188,9 @@ def with_singular_state_ahead(problem: Problem, run: Trajectory, follow: Callabl
 def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, equal_steps: bool = False) -> str:
     """Return the message for a run that ends at a state (2n,) where constraints or inertia become singular.
 
-    `singular` has the dependent constraints, or the motion without inertia. Its `regularity` is their least singular
-    value, divided by the value at the start. `equal_steps` is True if the run failed with equal steps before this
-    state: then the message does not advise equal steps, and names the coordinates without the velocities.
+    `singular` has the dependent constraints, or the velocities without inertia. Its `regularity` is their least
+    singular value, divided by the value at the start. `equal_steps` is True if the run failed with equal steps before
+    this state: then the message does not advise equal steps, and names the coordinates without the velocities.
     """
     layout = problem.model.layout
     named = zip(layout.coordinates if equal_steps else layout.names(), y, strict=False)
@@ -217,8 +216,8 @@ def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, equal_step
 def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
     """Return the message for a run that ends at a state (2n,) from which the motion may continue in two ways.
 
-    Errors as small as the tolerance would decide which way the run takes. `dependent` has the constraints whose
-    gradients are linearly dependent at this state.
+    Errors as small as the tolerance would select one of them. `dependent` has the constraints whose gradients are
+    linearly dependent at this state.
     """
     state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     names = problem.model.equations.constraints.names

@@ -115,9 +115,9 @@ class AcceptedStates:
         the stored states are dropped.
         """
         self.follow()
-        room = int(limit - self.bytes) // self._each
-        if room > 0 or not self.outputs_alone:
-            return room
+        free_rows = int(limit - self.bytes) // self._each
+        if free_rows > 0 or not self.outputs_alone:
+            return free_rows
         # The largest size of each entry is remembered, and the last state.
         self._sizes, last = self._largest(), self.parts[-1]
         self.removed += len(self.parts) - 1

@@ -152,7 +152,7 @@ class Flow:
         try:
             driver, state = self._driver(self._plan, parameters)
         except SingularMassMatrix:
-            # A run says in its message which motion has no inertia.
+            # A run names the velocities without inertia in its message.
             self._by_run(start, t0, t1, parameters)
             raise
         settings, length = self._plan.tolerances, abs(t1 - t0)
@@ -274,7 +274,7 @@ class Flow:
             self._first = local.state.reals.copy()
             local.driver.adopt(local.state)
             if self._rtol:
-                # There are spare rows, because drivers write whole blocks.
+                # Drivers write whole blocks, which may extend beyond the last row.
                 local.times = np.empty(STEPS_RECORDED + 6)
                 local.states = np.empty((STEPS_RECORDED + 6, self._dimension))
         return local.driver, local.state

@@ -86,7 +86,7 @@ def drive(problem: Problem, name: str, prepare: Callable[[], PreparedPlan]) -> T
 
     `max_wall` limits the time of the preparation, and separately the time of the steps.
     """
-    if not isinstance(problem, Problem) or problem.max_wall is None:  # the method checks its problem
+    if not isinstance(problem, Problem) or problem.max_wall is None:  # the method refuses other arguments
         return _driven(problem, prepare(), name)
     try:
         with preparation(problem.began, problem.max_wall):
@@ -125,7 +125,7 @@ def _driven(problem: Problem, prepared_plan: PreparedPlan, name: str) -> Traject
     began = time.perf_counter()
     idle = prepared_plan.take(problem)
     run = _at_start(problem, prepared_plan.plan, name, idle, began)
-    # An idle driver has run with these parameters: a constant mass matrix is the same as then.
+    # An idle driver has run with these parameters, so a constant mass matrix needs no further test.
     inert = idle is None or not problem.model.equations.structure.constant_mass
     status, sentence = _check_first_slope(problem, name, problem.parameter_array, inertia=inert)
     steps, detail = None, ""
@@ -260,11 +260,11 @@ class _Run:
                     return Status.MAX_STEPS, ""
                 if problem.max_wall is not None and time.perf_counter() - self.began > problem.max_wall:
                     return Status.MAX_WALL, ""
-                room = rows.make_room(memory - state.kept)
-                if room <= 0 and not is_at_end:
+                free_rows = rows.make_room(memory - state.kept)
+                if free_rows <= 0 and not is_at_end:
                     return Status.MAX_MEMORY, events_fill(problem) if rows.dropped else ""
                 # At the end time one more step is allowed, with which the driver reports that it is done.
-                budget = min(per_call, max(min(left, room), 1), pace.next_test - tries)
+                budget = min(per_call, max(min(left, free_rows), 1), pace.next_test - tries)
                 counts[DriverState.ROWS] = 0
                 times, states = rows.begin_call(budget)
                 before = time.perf_counter()
@@ -351,8 +351,8 @@ class _Run:
         accepted = rows.joined()
         run = self.trajectory(*accepted, status, sentence)
         # The states of an interrupted run are not tested, because the user waits.
-        looked_at = len(problem.model.equations.constraints) > 0 and status is not Status.INTERRUPTED
-        if looked_at and not rows.dropped:
+        tested = len(problem.model.equations.constraints) > 0 and status is not Status.INTERRUPTED
+        if tested and not rows.dropped:
             run = until_dependent(problem, self.plan.tolerances.rtol, run, accepted)
         if rows.passed is not None:
             series = self.plan.writes_outputs and not rows.dropped
@@ -385,32 +385,32 @@ class _Run:
         problem, state, tolerances, t, y = self.problem, self.state, self.plan.tolerances, self.state.t, self.state.y
         if status is Status.SUCCESS and not cause:
             return message(status, problem, t, y, self.name)
-        told = partial(message, status, problem, method=self.name, rtol=tolerances.rtol or None)
+        sentence_for = partial(message, status, problem, method=self.name, rtol=tolerances.rtol or None)
         stuck = status in (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.DIVERGED)
         if stuck and (sentence := table_left(problem, t, y, float(state.reals[DriverState.STEP]))):
-            return told(t, y, cause=sentence)
+            return sentence_for(t, y, cause=sentence)
         if sentence := without_tolerance(problem, status, tolerances, y):
-            return told(t, y, cause=sentence)
+            return sentence_for(t, y, cause=sentence)
         given_up = status in (Status.MAX_STEPS, Status.MAX_WALL) and not cause and tolerances.share > 0
         if given_up and (which := limiting_entry(problem, state)):
             atol = float(state.floors[which[1]]) / tolerances.margin
-            return told(t, y, cause=limited(problem, status, y, which, atol))
+            return sentence_for(t, y, cause=limited(problem, status, y, which, atol))
         if status is Status.SINGULAR and cause:
-            return told(t, y, detail=cause)
+            return sentence_for(t, y, detail=cause)
         if (fault := state.fault) is not None and not cause:
-            return told(fault.t, fault.y, slope=fault.slope, detail=fault.detail)
+            return sentence_for(fault.t, fault.y, slope=fault.slope, detail=fault.detail)
         if status is Status.SINGULAR:
-            return told(t, y, detail=problem.model.singular_message(t, y, None, problem.parameter_array))
+            return sentence_for(t, y, detail=problem.model.singular_message(t, y, None, problem.parameter_array))
         if status is Status.DIVERGED and cause in ("", UNPROJECTED):
-            return told(t, y, detail=cause or unsolved(state.reals[DriverState.RESIDUAL]))
+            return sentence_for(t, y, detail=cause or unsolved(state.reals[DriverState.RESIDUAL]))
         if status is not Status.NON_FINITE or cause:
-            return told(t, y, cause=cause)
+            return sentence_for(t, y, cause=cause)
         # The first point without a value may lie several steps ahead.
         slope, h = self.slope_ahead(), float(state.reals[DriverState.STEP] or state.reals[DriverState.H] / AFTER_BROKEN)
         for reach in (1, 2, 4, 8):
             if np.isfinite(slope).all():
                 slope = slope_ahead(problem.model, t, y, problem.parameter_array, reach * h)
-        return told(t, y, slope=slope)
+        return sentence_for(t, y, slope=slope)
 
     def trajectory(self, times: FloatArray, states: FloatArray, status: Status, sentence: str) -> Trajectory:
         """Return the trajectory through accepted times (S+1,) and states (S+1, 2n), with a status and a message."""

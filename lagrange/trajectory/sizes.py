@@ -52,9 +52,9 @@ Slopes = Callable[[float, FloatArray], FloatArray]
 def first_floors(
     slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, share: float
 ) -> tuple[FloatArray, float]:
-    """Return the floors (2n,) for a solver of another package, and the natural period of the motion.
+    """Return the least absolute tolerances (2n,) for a solver of another package, and the natural period of the motion.
 
-    A floor is the least absolute tolerance of an entry: at least `share` times the size of the entry. `slopes` is the
+    The least absolute tolerance (floor) of an entry is at least `share` times the size of the entry. `slopes` is the
     right-hand side f(t, y). `left` is the signed time from t to the end of the run.
     """
     force_points = [(t + left * k / FORCE_SAMPLES, y) for k in range(FORCE_SAMPLES + 1)]
@@ -329,7 +329,7 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
         kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(bounded)])
         floors = np.maximum(floors, np.where(state.floors < SLOPE_NOISE * kinds, kinds, 0.0))
     if (floors > state.floors).any():
-        # A series knows the length of its next step. The length of a rejected step came from floors that were too low.
+        # A Taylor series determines its next step before taking it. That length came from floors that were too low.
         state.taylor.limit = math.inf
     state.floors[:] = np.maximum(state.floors, floors)
     state.counts[DriverState.SURVEYED] += 1
@@ -347,6 +347,6 @@ def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> 
     noise = noise_floors(model, parameters, state.t, state.y, left)
     rises = bool((noise > 2 * state.floors).any())
     state.floors[:] = np.maximum(state.floors, noise)
-    # Otherwise a run without a survey before its first step would set the floors of entries that are zero forever.
+    # Count as surveyed: else a run without a survey before its first step would fix the floors of zero entries.
     state.counts[DriverState.SURVEYED] = max(state.count(DriverState.SURVEYED), 1)
     return rises

@@ -32,8 +32,8 @@ class Consistent:
     """A state on the constraints, returned by `System.consistent`.
 
     `initial` has a value for every coordinate and velocity, as `run` takes it. `changes` maps every coordinate and
-    velocity to its change from the requested state. `moved` is the largest of these changes, and `entry` is the
-    coordinate or velocity that it belongs to, None if nothing moved.
+    velocity to its change from the requested state. `moved` is the size of the largest change, and `entry` the
+    coordinate or velocity with this change, None without changes.
     """
 
     initial: Mapping[Any, float]

@@ -1,9 +1,9 @@
-"""Search a run for steps on which a constraint jumps, has a corner, or restricts nothing, so that no motion continues.
+"""Search a run for steps on which a constraint jumps, has a corner, or loses its effect, so that the run must end.
 
 Velocities on y = abs(x) jump at x = 0, and the constraint does not define them after the corner. A step over such a
 corner is projected onto the constraints on the other side, without any error. A constraint that is nonlinear in the
-velocities restricts nothing where all its derivatives by them are zero. For example, where x.dot**2 + y.dot**2 = (1 -
-t)**2 reaches 0, every direction is possible.
+velocities has no effect where all its derivatives by the velocities are zero. For example, where x.dot**2 + y.dot**2 =
+(1 - t)**2 reaches 0, every direction is possible.
 """
 
 from __future__ import annotations

@@ -308,13 +308,13 @@ class Projection:
         `residuals` has their values.
         """
         stated = self._stated(part)
-        told = [
+        values = [
             f"{stated[row].name!r} ({_zero(stated[row], part, self.model)}) is {residuals.values[row]:.6g}, with terms "
             f"of size {residuals.terms[row]:.3g}"
             for row in rows[:NAMED_CONSTRAINTS]
         ]
         more = f", and {len(rows) - NAMED_CONSTRAINTS} more are violated" if len(rows) > NAMED_CONSTRAINTS else ""
-        return f"{listing(told)}{more}"
+        return f"{listing(values)}{more}"
 
     def _violated(self, residuals: Residuals, rows: list[int], part: int, y: FloatArray) -> str:
         stated = self._stated(part)

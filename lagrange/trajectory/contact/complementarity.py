@@ -94,7 +94,7 @@ class Balance:
 def solutions(
     matrix: FloatArray, free: FloatArray, contacts: Sequence[Friction], machine: Machine | None = None
 ) -> list[Balance]:
-    """Return the solutions of the complementarity problem; solutions that hold the surfaces come first.
+    """Return the solutions of the complementarity problem, beginning with solutions in which surfaces stick.
 
     `matrix` (rows, rows) is A, and `free` (rows,) are the rates b without forces. All combinations of states are tried;
     if these are too many, pivoting finds one solution, by `lemke` compiled for a machine, or as plain Python. Of

@@ -97,7 +97,7 @@ class ContactRun:
         return ByName("contact", ((contact.name, ContactResult(self, i, contact)) for i, contact in enumerate(stated)))
 
     def _segments(self, times: FloatArray) -> Iterator[tuple[Mode, NDArray[np.bool_]]]:
-        """Yield each mode that holds at some of the times (K,), and a mask (K,) that is True at these times."""
+        """Yield each mode that occurs at the times (K,), with a mask (K,) that is True at its times."""
         numbers = segment_numbers(self.history.begins, times, forward=True)
         modes = self.history.modes
         for mode in dict.fromkeys(modes[i] for i in np.unique(numbers)):

@@ -1,13 +1,13 @@
 """Formulas of impacts, and of friction along a line, as resets of events, which a compiled loop over steps applies.
 
-An impact is written out if it has no friction; the general law is in `transition.py`. With the direction W = dgap/dq,
-gap rate u, restitution e and mass matrix M, its impulse is P = -(1 + e) u / (W M^-1 W^T). It changes the velocities by
-M^-1 W^T P, and dissipates the energy (1 - e^2) u^2 / (2 W M^-1 W^T).
+Impacts without friction have explicit formulas. `transition.py` solves the general case. With the direction W =
+dgap/dq, gap rate u, restitution e and mass matrix M, its impulse is P = -(1 + e) u / (W M^-1 W^T). It changes the
+velocities by M^-1 W^T P, and dissipates the energy (1 - e^2) u^2 / (2 W M^-1 W^T).
 
-Friction is written out for one closed contact. The state has one more coordinate, the way w: 1 or -1 while the contact
-slides, 0 while it sticks. The equations are M a = h + W N + D f, with constant M, D = dslip/dv and W M^-1 D = 0. The
-normal force then is N = -(W M^-1 h + d2gap/dt2) / (W M^-1 W^T). The force that holds the slip at zero is F = -(D M^-1 h
-+ dslip/dt) / (D M^-1 D^T). The friction force is f = (1 - w^2) F - mu w N.
+Friction has explicit formulas for one closed contact. The state has one more coordinate, the way w: 1 or -1 while the
+contact slides, 0 while it sticks. The equations are M a = h + W N + D f, with constant M, D = dslip/dv and W M^-1 D =
+0. The normal force then is N = -(W M^-1 h + d2gap/dt2) / (W M^-1 W^T). The force that holds the slip at zero is F = -(D
+M^-1 h + dslip/dt) / (D M^-1 D^T). The friction force is f = (1 - w^2) F - mu w N.
 """
 
 from __future__ import annotations
@@ -96,9 +96,9 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
 
 @lru_cache(maxsize=MODELS_KEPT)
 def coupling(statement: Statement) -> Any:
-    """Return the mass matrix as a SymPy matrix, or None if the impact law cannot use it in symbols.
+    """Return the mass matrix as a SymPy matrix, or None if the formulas of impacts would be too long.
 
-    This is so if it depends on velocities, or if it is not diagonal for more than `LARGEST_COUPLED` coordinates.
+    It is None if the matrix depends on velocities, or if it is not diagonal and has more than `LARGEST_COUPLED` rows.
     """
     # Derivatives by symbols are a hundred times faster than those by functions of time.
     symbols = {rate: sympy.Dummy() for rate in statement.velocities}

@@ -453,7 +453,7 @@ class _ContactRun:
         inside = [i for i, gap in enumerate(touch.gaps.tolist()) if gap < 0 and not -gap <= touch.near]
         if not inside:
             return touch
-        # A gap of one coordinate has no other terms: compare it with the way that it takes early in the run.
+        # A gap that is a single coordinate has no terms to compare with: use its change early in the run.
         span = problem.t1 - problem.t0
         a = problem.model.kernel("rhs")(problem.t0, problem.y0, problem.parameter_array)[problem.model.layout.v]
         falls = np.abs(touch.convective + touch.directions @ a) * (EARLY_FALL * span) ** 2 / 2

@@ -138,7 +138,7 @@ class Transitions:
         return Transition(y, before, following, impacts, speed, low_flights)
 
     def _ways_of_yielding(self, touch: ContactState, mode: Mode, yielding: Collection[int]) -> dict[int, FloatArray]:
-        """Return the direction in which each `yielding` contact begins to slide: against the force that held it."""
+        """Return the direction in which each `yielding` contact begins to slide, against its friction force at rest."""
         if not yielding:
             return {}
         model = self.modes.model_of(mode)

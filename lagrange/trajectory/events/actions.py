@@ -23,7 +23,7 @@ from lagrange.trajectory.events.end_messages import EventResult, not_finite_afte
 from lagrange.trajectory.trajectory import FloatArray
 
 JUMPING = frozenset(("sign", "atan2", "piecewise"))
-"""Functions with jumps inside their domain."""
+"""Names of the functions with jumps inside their domain."""
 
 ALIKE = 1e-9
 """Largest relative difference of two resets of one entry at the same time that agree. They and the time are rounded."""
@@ -33,10 +33,10 @@ ALIKE = 1e-9
 class ModelEvent:
     """An event of a model: the zeros of the expression `node` with a direction, a terminal count and a reset.
 
-    `direction` is the sign of the crossings that count, 0 for both. The run ends at occurrence number `terminal`,
-    never if it is 0. The reset replaces the entries `rows` of the state by results of `kernel`, from result `first`
-    on. `kernel` is None without a reset. A `root` is not an event of the user, but a square root in the equations of
-    motion: the series of the motion ends at its zero. `model` is the model whose constraints hold after the reset.
+    `direction` is the sign of the crossings that count, 0 for both. The run ends at occurrence number `terminal`, never
+    if it is 0. The reset replaces the entries `rows` of the state by results of `kernel`, from result `first` on.
+    `kernel` is None without a reset. A `root` is not an event of the user, but a square root in the equations of
+    motion: the Taylor series ends at its zero. `model` is the model whose constraints hold after the reset.
     """
 
     node: Node

@@ -59,9 +59,9 @@ class EventZero:
 class Side:
     """The sign of an event function at the end of a step, which the search on the next step starts from.
 
-    `sign` is the last sign beyond noise, 1 or -1. It is 0 at the start of a run, and of a new motion after a reset.
-    `near` is True if the function has come within its noise of zero since it had this sign. The next step then
-    decides whether it crosses or touches zero.
+    `sign` is the last sign beyond noise, 1 or -1. It is 0 at the start of a run, and after a reset. `near` is True if
+    the function has come within its noise of zero since it had this sign. The next step then decides whether it crosses
+    or touches zero.
     """
 
     sign: int = 0
@@ -93,9 +93,9 @@ def roots(
 ) -> tuple[list[Root], Side]:
     """Return the roots of g(tau) = sum c[k] tau**k on a step, in order, and the side (sign) of g at its end.
 
-    `coefficients` (m,) are c, with m at most 65. `h` is the length of the step, negative in a backward run. `before`
-    is the side that the previous step returned. None means that g starts here; then a root at the start is not an
-    event. `noise` is an error of g in addition to the rounding of the coefficients, which is estimated as 8 * 2**-52
+    `coefficients` (m,) are c, with m at most 65. `h` is the length of the step, negative in a backward run. `before` is
+    the `Side` that the previous step returned. None means that g starts on this step; a root at the start is then not
+    an event. `noise` is an error of g in addition to the rounding of the coefficients, which is estimated as 8 * 2**-52
     sum |c[k] h**k|. `last` is True if no step follows.
 
     `isolate` is the procedure that isolates the roots, by default in Python. Raises ValueError if a coefficient, the
@@ -273,7 +273,7 @@ def trace(
 
 
 def ended(step_zeros: StepZeros, s: float, isolate: Isolate | None = None, *, decided: bool) -> tuple[list[Root], Side]:
-    """Return the zeros of a step up to the fraction `s` at which the motion ends, and the side (sign) at this point.
+    """Return the zeros of a step up to its fraction `s`, where an event acts, and the side (sign) at this point.
 
     `step_zeros` are the zeros of the whole step. If the function is zero at `s`, its slope decides the side if
     `decided`; otherwise the side is undecided. `isolate` is the procedure that isolates the roots of a polynomial.
@@ -344,8 +344,8 @@ def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
 def rests(batch: StepBatch, step: int, sample: Sample, index: int) -> bool:
     """Return True if an event function that started at zero stays zero on the whole step, like a conserved quantity.
 
-    The test uses the time derivative of the function along the motion, since the dense output deviates from the
-    motion by more than rounding.
+    The test uses the time derivative of the function along the solution, since the dense output deviates from the
+    solution by more than rounding.
     """
     return bool((np.abs(sample.rates(nodes())[index]) <= batch.sensitive[index, step]).all())
 

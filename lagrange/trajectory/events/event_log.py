@@ -43,8 +43,8 @@ class Occurrences:
     def extend(self, t: FloatArray, y: FloatArray, steps: int, mark: object = None) -> None:
         """Add occurrences at times (k,) and states (k, 2n).
 
-        They are reported as soon as the run has `steps` accepted steps. `mark` identifies the batch; a second call in
-        succession with the same mark adds nothing.
+        They are reported as soon as the run has `steps` accepted steps. `mark` identifies the batch of occurrences. A
+        second call in succession with the same mark has no effect.
         """
         again = mark is not None and bool(self._parts) and self._parts[-1][3] == mark
         if len(t) and not again:

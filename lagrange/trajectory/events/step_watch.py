@@ -132,7 +132,7 @@ class StepWatch(EventLog):
         self._deadline = math.inf if limit is None else time.perf_counter() + limit
         path = self.memory.path(self._path_of, np.array([state.t]), state.y[None].copy())
         self.shared.run.final = self.problem.t1
-        # The path over a step may also use a slope of the previous step, and that over the first one of the next step.
+        # The path over a step may use a slope of the previous step, or, on the first step, of the next step.
         self.shared.run.both = int(isinstance(path, StepPath) and path.kind.derivative)
         return self._defined(state)
 

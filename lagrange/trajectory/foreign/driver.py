@@ -51,7 +51,7 @@ DOP853 started with a step 1e6 times too long before a right-hand side that is N
 
 
 class StopError(Exception):
-    """Exception raised inside a solver's callback to end the run; it carries the `fault`."""
+    """Exception raised inside a solver's callback to end the run, with the `fault` as its cause."""
 
     def __init__(self, fault: Fault) -> None:
         super().__init__(fault.detail)
@@ -216,9 +216,8 @@ class Stepper(Protocol):
 
 StartSolver = Callable[[GuardedRhs, Tolerances, FloatArray, float, FloatArray, float], Stepper]
 """Constructor of a solver, from absolute tolerances (2n,), a time, a state, and a bound of the first step. The solver
-runs to the end of the law's problem. If the bound is infinite, it chooses the first step. The tolerances may be raised
-in place during the run.
-"""
+runs to the end of the problem of the right-hand side. If the bound is infinite, the solver chooses the first step. The
+tolerances may be raised in place during the run."""
 
 
 def check_bounds(name: str, max_step: float, first_step: float | None) -> None:
@@ -308,7 +307,8 @@ class SolverDriver:
         self._begun = 0
         self._asked: FloatArray = np.empty(0)
         self._vanished: Fault | None = None
-        """Fault for which the solver requested a survey of sizes. It ends the run if the survey changes nothing."""
+        """Fault after which the solver requested a new estimate of sizes (a survey). It ends the run if the survey
+        changes no tolerance."""
 
     def adopt(self, state: DriverState) -> None:
         """Do nothing. Only a driver by Taylor series replaces the array `state.y` by its own."""
@@ -357,7 +357,7 @@ class SolverDriver:
     def _begin(self, state: DriverState) -> Stepper | None:
         """Return a new solver that starts at the driver's state, or None if the right-hand side has a fault there."""
         law, t, y, steps = self._law, state.t, state.y.copy(), state.count(S.STEPS)
-        # Otherwise a flight between contacts that is shorter than the solver's first step would be stepped over.
+        # Use the requested first step: a longer one would pass over a short flight between two contacts.
         requested = abs(float(state.reals[S.H]))
         first = requested if requested and steps == self._begun + 1 else np.inf
         del self._plan.interpolants[steps:]
@@ -432,7 +432,7 @@ class SolverDriver:
         if not (math.isfinite(y.dot(y)) or np.isfinite(y).all()):
             return law.fault or Fault(Status.NON_FINITE, t, y)
         if law.fault is not None:
-            # A trial of this step left the domain of the law; the step is accepted if its end did not.
+            # A trial of this step left the domain of the equations. The step is accepted if its end is inside.
             law.fault = None
             law.rhs(t, y)
         path = solver.interpolant(begin, before)

@@ -42,11 +42,11 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 class ImplicitMethod:
     """An integrator with an implicit step function, step(f, t, y, h, solve).
 
-    `law` says what the step function evaluates: "rhs", the slope f of the state; or "momentum" or "constrained", the
-    functions g of `lagrange.trajectory.methods.variational`, for step(g, t, q, v, h, solve).
+    `law` names the function that the step function evaluates. It is "rhs" for the slope f of the state, or "momentum"
+    or "constrained" for the functions g of `lagrange.trajectory.methods.variational`, in step(g, t, q, v, h, solve).
     `claims` are the claimed properties. With a `control` of the step size, the step function also returns an error
-    vector for each state vector, and the method takes `rtol` and `atol`. Otherwise the method takes equal steps of
-    size `step`.
+    vector for each state vector, and the method takes `rtol` and `atol`. Otherwise the method takes equal steps of size
+    `step`.
 
     With a `starter`, which takes the first step, the step function has a further argument after the state: the state
     one step before. `path` makes the dense output; the default is a Hermite path. The steps of a `holonomic` method

@@ -9,8 +9,8 @@ Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, VI
 
 With holonomic constraints the multipliers are among the unknowns. Coordinates and velocities satisfy the constraints at
 both ends of a step: the positions are moved to phi = 0, then the velocities to dphi/dt = 0, each up to rounding.
-Without constraints each method equals the method that it generalizes. The law is g(t, q, v, lambda) = p, f, c, phi,
-psi, with constraint forces c = G^T lambda, phi and psi = dphi/dt. Source: E. Hairer, C. Lubich, G. Wanner, cited above,
+Without constraints each method equals the method that it generalizes. In a step function g(t, q, v, lambda) returns p,
+f, the constraint forces c = G^T lambda, phi, and psi = dphi/dt. Source: E. Hairer, C. Lubich, G. Wanner, cited above,
 VII.1.4; L. O. Jay, SIAM J. Numer. Anal. 33, 1996; S. Leyendecker, J. E. Marsden, M. Ortiz, ZAMM 88, 2008.
 """
 
@@ -24,7 +24,7 @@ from lagrange.trajectory.integrator import Claims, built_in
 from lagrange.trajectory.methods.implicit import Abscissa, ImplicitMethod, gauss_tableau, lobatto_pair, weighted
 
 Momenta = Callable[..., tuple[Any, Any]]
-"""The law p, f = g(t, q, v)."""
+"""Function g of a step: g(t, q, v) returns the momenta p and the forces f."""
 
 
 def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
@@ -126,7 +126,7 @@ def DiscreteGradient(step: float | None = None) -> ImplicitMethod:
 
 
 Constrained = Callable[..., tuple[Any, Any, Any, Any, Any]]
-"""The law p, f, c, phi, psi = g(t, q, v, lambda)."""
+"""Function g of a step with constraints: g(t, q, v, lambda) returns p, f, c, phi and psi."""
 
 
 @dataclass(frozen=True)
