@@ -114,8 +114,8 @@ _LOCK = Lock()
 def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
     """Run a chunk of members in a worker process, and return their results.
 
-    `job` is the pickled `Job` of the ensemble, which the process compiles once. `starts` has the initial values of the
-    members.
+    `job` is the pickled `Job` of the ensemble, which the process compiles once. `starts` has the members' initial
+    values.
     """
     key = hashlib.sha256(job).digest()
     with _LOCK:
@@ -225,8 +225,7 @@ Runner = ThreadRunner | ExecutorRunner
 
 
 FIRST_CHUNK, LARGEST_CHUNK = 8, 65536
-"""Number of members in each of the first chunks, whose duration is not yet known, and largest number of members in a
-chunk."""
+"""Number of members in the first chunks, whose duration is not yet known, and largest number of members in a chunk."""
 
 GOES_ON = "With store= the same call goes on where this one stopped."
 

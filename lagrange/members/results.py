@@ -295,8 +295,7 @@ class SampledRun:
     def _parameters(self, low: int, high: int) -> Parameters:
         """Return the parameters at the sample points of the steps with the indices `low` to `high` - 1.
 
-        Their shape is (k, steps * points), where each step has the same number of points, or (k,) if no event sets
-        parameters.
+        The shape is (k, steps * points), with equally many points for each step, or (k,) if no event sets parameters.
         """
         begin = self.run.parameters_at(self.run.t, self.parameters)
         if not (isinstance(begin, np.ndarray) and begin.ndim == 2):

@@ -38,8 +38,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 class Energies:
     """States of m members at their start, `before`, and end, `after`, (m, 2n), with their energies and momenta.
 
-    `first` (m, 1 + n) has the energy, then the momenta, at the start. `last` (m, 1 + n) has the same quantities at the
-    end.
+    `first` (m, 1 + n) has the energy, then the momenta, at the start. `last` (m, 1 + n) has both at the end.
     """
 
     before: FloatArray

@@ -299,8 +299,7 @@ def variables_of(job: Job, table: MemberTable, begin: int, end: int, results: Re
 
 
 BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
-"""Size of a block in bytes (8 MB), and its largest number of members. A store of a billion numbers has a thousand
-files."""
+"""Size of a block in bytes (8 MB), and its largest number of members. A billion numbers make a thousand files."""
 
 MOST_BLOCKS = 10**6
 """Largest number of blocks of a store (8 TB of results), because each block has a file for every variable."""

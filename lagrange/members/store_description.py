@@ -29,8 +29,7 @@ OVER = "÷"
 def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the variables in a store that contain a result column.
 
-    A column of states has one variable for each entry of the state, with the names `names`. Any other column has one
-    variable.
+    A column of states has one variable for each entry of the state, named by `names`. Other columns have one variable.
     """
     if column == STATE:
         return tuple(f"{name}_end" for name in names)

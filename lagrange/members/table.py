@@ -378,8 +378,7 @@ def _values(label: str, array_like: Any) -> FloatArray:
 def _together(sources: list[Varied]) -> Varied:
     """Return the varying values of several `sources` (arrays, grids, samples) as one object.
 
-    All must have the same number of members. Raises StatementError for different numbers, or for a key in two
-    sources.
+    All have the same number of members. Raises StatementError for different numbers, or for a key in two sources.
     """
     if len(sources) == 1:
         return sources[0]

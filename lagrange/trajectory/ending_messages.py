@@ -209,8 +209,7 @@ def event_after_outputs(t: FloatArray) -> str:
 def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, y: FloatArray) -> str:
     """Return the cause and the remedy if a step failed because an entry of the state has zero tolerance, else "".
 
-    An entry of `y` (2n,) that is 0 has zero tolerance if the absolute tolerance is 0. `status` is the status of the
-    run.
+    An entry of `y` (2n,) that is 0 has zero tolerance if the absolute tolerance is 0. `status` is the run's status.
     """
     failed = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
     if not failed or not tolerances.rtol or tolerances.atol > LEAST_ATOL or tolerances.share or y.all():

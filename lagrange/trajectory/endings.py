@@ -403,8 +403,7 @@ ROUNDING_PART = 2.0**-46
 acceleration of zero may change by this amount."""
 
 NEIGHBOURS, OCTAVES = 8, 40
-"""Number of neighbouring doubles at which forces are evaluated, and number of displacements of 1, 2, 4, ... spacings.
-"""
+"""Number of neighbouring doubles at which forces are evaluated, and of displacements of 1, 2, 4, ... spacings."""
 
 
 def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:

@@ -29,8 +29,7 @@ nearer to the sun. A fraction of 0 would follow entries that have decayed to rou
 an absolute tolerance of 1e-12."""
 
 LEAST_SHARE = 2.0**-52
-"""Smallest ratio of the default absolute tolerance of an entry to the largest size of the entry: the spacing of
-doubles."""
+"""Smallest ratio of the default absolute tolerance of an entry to the entry's largest size: the spacing of doubles."""
 
 
 LEAST_ATOL = 1e-300

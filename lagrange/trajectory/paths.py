@@ -26,8 +26,7 @@ class StepPath:
     """The path over accepted steps: times (S+1,), states (S+1, 2n), and the dense output of their method.
 
     On each step the path is a polynomial of degree at most 16, on which events are located. `dense` evaluates the path,
-    and `kind` is its formula. `tableau` is the tableau of an explicit Runge-Kutta method whose stages define the path,
-    else None.
+    and `kind` is its formula. `tableau` is set for a path by the stages of an explicit Runge-Kutta method.
     """
 
     dense: DensePath

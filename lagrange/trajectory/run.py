@@ -47,8 +47,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 _GOES_ON = (Outcome.PAUSED, Outcome.UNSCALED)
 
 FIRST_STEPS = 1024
-"""Number of steps of a flow before the first test of its pace. Interpreted steps take about a second for this number.
-"""
+"""Number of steps of a flow before the first test of its pace. Interpreted steps take about a second for it."""
 
 STEPS_RECORDED = 2**14
 """Largest number of steps of a flow with constraints. `integrate` repeats a longer run."""

@@ -36,8 +36,7 @@ RATE_ITERATIONS = 3
 largest factor by which an entry of the displacement then grows is the square of a rate."""
 
 SETTLED = 8.0
-"""The estimated period is shortened if the size of a coupled entry would change by more than this factor during the
-period."""
+"""The estimated period is shortened if a coupled entry would change by more than this factor during the period."""
 
 MOST_ROUNDS = 256
 """Largest number of rounds of the estimate of sizes. In each round an entry without a size gets one from a neighbour. A
@@ -191,8 +190,7 @@ the largest change. A smaller change has no correct digits. A larger change may 
 displacement gives the same derivative."""
 
 MOST_DISPLACEMENTS = 8
-"""Largest number of displacements of one entry that are tried. If none is visible and linear, its derivatives are zero.
-"""
+"""Largest number of displacements of one entry. If none is visible and linear, the derivatives are zero."""
 
 NOISE_AHEAD, EULER_STEPS = 1 / 8, 2
 """The noise is also evaluated at a later state. Between the two states are Euler steps: the second number of them, each

@@ -66,8 +66,7 @@ def stuck(
 
 
 FIRST_TEST = 4096
-"""Number of trial steps before the first test; it doubles for each further test. Most runs end before the first test.
-"""
+"""Number of trial steps before the first test, doubled for each further test. Most runs end before the first."""
 
 SLOW = 16.0
 """A run is slow if it still needs more than this multiple of its steps so far. The floors (least absolute tolerances)

@@ -99,8 +99,7 @@ class Status(enum.Enum):
 
 
 _SUCCESS, _EVENT = Status.SUCCESS, Status.EVENT
-"""Members of `Status` as globals: every run compares with them, and access by the class takes longer than the
-comparison."""
+"""Members of `Status` as globals: every run compares with them, and access by the class takes longer than that."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,16 +120,13 @@ def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArr
 
 
 SHORT_STEP = 0.1
-"""Steps shorter than this fraction of the mean step are inspected. Towards a crossing steps shrink to 1e-2 to 1e-4 of
-the mean.
-"""
+"""Steps below this fraction of the mean step are inspected. Towards a crossing steps shrink to 1e-2 to 1e-4 of it."""
 
 FIRST_STEPS = 3
 """Number of steps at the start that are ignored, because they are short while the step size is determined."""
 
 MOST_SHORT_STEPS = 5_000
-"""Largest number of short steps that are inspected, the shortest ones. The states at both ends of one cost some 20 us.
-"""
+"""Largest number of short steps that are inspected, the shortest ones. The states at the ends of one cost 20 us."""
 
 MANY_STEPS = 10_000
 """In runs of at least this many steps the shortest step is always inspected, because the cost is relatively small."""
@@ -139,8 +136,7 @@ DEPENDENCE_FACTOR = 3.0
 root of rtol. Runs of four methods over crossings had 1e-6 to 5e-5 at rtol = 1e-9."""
 
 SURELY_FAR = 1e2
-"""Margin for unit scaling: units change the least singular value of rows by less than this factor, once the rows are
-normalised."""
+"""Margin for units: they change the least singular value of normalised rows by less than this factor."""
 
 AWAY, STATES_AFTER = 0.1, 32
 """Relative singular value above which a motion has moved away from a crossing, and the number of states after the

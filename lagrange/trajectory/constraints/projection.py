@@ -169,8 +169,7 @@ class Projection:
     def completed(self, y: FloatArray) -> FloatArray:
         """Return a state y (2n,) with the velocities of coordinates without inertia computed from their equations.
 
-        Only velocities that are zero are computed. Others were chosen by the user: they are kept, and `check` tests
-        them.
+        Only velocities that are zero are computed. Other velocities were chosen by the user, and `check` tests them.
         """
         rows = self.model.equations.following
         if not rows:

@@ -85,8 +85,7 @@ class ConstraintResiduals:
         self._gradient = _kernel(model, tuple(entries[k] for k in self._present))
         self._residuals = _kernel(model, (*stated, *term_sizes(stated)))
         self.mass_matrix = model.interpreted("mass_matrix")
-        """The metric of displacements. It is interpreted, because it is also evaluated at states off the constraints.
-        """
+        """The metric of displacements. It is interpreted, since it is also evaluated at states off the constraints."""
         self._layout = model.layout
         graph, q = model.equations.graph, model.equations.q
         # Only the branch of a piecewise that is taken counts. Its conditions are switching surfaces, too.

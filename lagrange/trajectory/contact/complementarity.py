@@ -26,8 +26,7 @@ OPEN, CLOSED, SLIDING, STICKING = "open", "closed", "sliding", "sticking"
 """States of a contact. A closed contact without friction is "closed"; with friction it slides or sticks."""
 
 NOISE = 1e-10
-"""Forces and rates count as zero below this fraction of their terms. This suffices for condition numbers of the mass
-matrix up to 1e5."""
+"""Forces and rates are zero below this fraction of their terms, for mass matrices with condition numbers up to 1e5."""
 
 DEPENDENT = 1e-12
 """Singular values below this fraction of the largest mark dependent equations."""

@@ -27,8 +27,7 @@ GAUSS_POINTS = 12
 """Number of points of Gauss's rule on each interval between outputs. It is exact for polynomials of degree 23."""
 
 MOST_HALVINGS, AGREEMENT = 8, 1e-13
-"""Largest number of halvings of an interval, and the error at which halving ends, relative to the dissipated energy of
-the run."""
+"""Largest number of halvings of an interval, and the error that ends them, relative to the dissipated energy."""
 
 TIME, IMPULSE, LOST, FRICTION = range(4)
 """Columns of impacts: time, normal impulse, energy that is lost, and first component of the friction impulse."""

@@ -46,8 +46,7 @@ velocity. This is the largest term of the accelerations times the time so far, o
 times the span. 2**-48 is 16 units of rounding."""
 
 ORTHOGONAL = 1e-14
-"""Two directions are orthogonal if their product is below this fraction of its terms, since stated numbers are rounded.
-"""
+"""Two directions are orthogonal if their product is below this fraction of its terms. Stated numbers are rounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +163,7 @@ class WrittenFriction:
 def written_friction(model: Model, which: int) -> WrittenFriction | None:
     """Return the friction of the contact `which` as a model with events, or None.
 
-    The result is None unless the friction acts along a line, is not coupled to the gap, and the mass matrix is
-    constant.
+    It is None unless the friction acts along a line, is not coupled to the gap, and the mass matrix is constant.
     """
     statement, contact = model.statement, model.statement.contacts[which]
     q, rates, mass = statement.coordinates, statement.velocities, coupling(statement)

@@ -212,8 +212,7 @@ class Transitions:
     ) -> FloatArray:
         """Return the impulses (rows,) of one impact, by Newton's law of restitution and Coulomb's law of friction.
 
-        Only `colliding` contacts have impulses, and `plastic` ones no restitution. `rates` (rows,) are the rates before
-        the impact.
+        Only `colliding` contacts have impulses, and `plastic` ones no restitution. `rates` (rows,) are the prior rates.
         """
         kin, laws, free_rates = self.kinematics, {}, rates.copy()
         for i in colliding:

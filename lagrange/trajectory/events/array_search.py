@@ -119,9 +119,7 @@ def roots(
 
 
 SAMPLED_HALVINGS = 5000
-"""Largest number of halvings on one step, which suffices for some hundreds of roots. Unresolved parts then count as
-noise.
-"""
+"""Largest number of halvings on one step, enough for some hundreds of roots. Unresolved parts then count as noise."""
 
 POLE_LEVELS = 26
 """Number of halvings over which a function with a pole grows by more than a factor of 1000. At a pole each halving

@@ -92,8 +92,7 @@ def off_constraints(names: str, violated: str) -> EventResult:
 def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
     """Return the end of a run at a state at which an event function, or a derivative of it, is not finite.
 
-    `names` are the names of the watched functions (E,). `watched` (order + 1, E) has their Taylor coefficients at
-    this state.
+    `names` are the names of the watched functions (E,). `watched` (order + 1, E) has their Taylor coefficients.
     """
     bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))
     return EventResult(

@@ -84,8 +84,7 @@ class EventDriver:
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
         """Take steps if all earlier ones are searched, and search some steps for events on NumPy arrays.
 
-        Return an outcome, or None to continue. Accepted times and states are written to `times` (k,) and `rows` (k,
-        2n).
+        Return an outcome, or None to continue. Accepted states are written to `times` (k,) and `rows` (k, 2n).
         """
         memory, run, pending = self._memory, self._run, self._pending_steps(state, times, rows)
         if not memory.waits:

@@ -212,8 +212,7 @@ class ResetIntervals:
     def idle(self, length: float, *, unseen: bool) -> bool:
         """Count an interval `length` between two resets. Return True if too many in succession do not decrease.
 
-        `unseen` is True if the event function did not exceed rounding noise in the interval. Only such intervals
-        count.
+        `unseen` is True if the event function was within rounding noise in the interval. Only such intervals count.
         """
         if unseen and length >= SAME_INTERVAL * self.least:
             self.count += 1

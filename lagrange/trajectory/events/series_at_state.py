@@ -86,7 +86,7 @@ def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[
     with np.errstate(all="ignore"):
         terms = np.abs(series[ends]) * (s ** _ranks(len(series) - 1)[ends])[:, None]
         is_whole = (terms[2:].max(axis=0) <= tolerance * terms[:2].max(axis=0) + noise).tolist()
-    for c, doubt, whole in zip(_columns(series), noise.tolist(), is_whole, strict=True):
+    for c, doubt, whole in zip(series.T.tolist(), noise.tolist(), is_whole, strict=True):
         far.append(s if whole else run(c, len(c), s, tolerance, doubt))
     return far
 
@@ -112,12 +112,6 @@ def leaving(
     """
     sign, order = called(event_series.start_of_series.form())(g.tolist(), len(g), unit, tolerance, noise, margin)
     return sign, order
-
-
-def _columns(series: FloatArray) -> list[list[float]]:
-    """Return the columns of a series (order + 1, k) as lists, which printed Python reads fastest."""
-    columns: list[list[float]] = series.T.tolist()
-    return columns
 
 
 @lru_cache(maxsize=64)

@@ -335,8 +335,7 @@ class SeriesWatch(EventLog):
     def _known(self, before: EventSeries | None, ahead: EventSeries, occurred_now: Collection[int]) -> dict[int, Side]:
         """Return the sides (known signs) that event functions keep over a reset, by the index of the event.
 
-        `before` and `ahead` are the series before and after the reset. The sides of events in `occurred_now` are
-        undecided.
+        `before` and `ahead` are the series before and after the reset. Events in `occurred_now` keep no side.
         """
         if before is None:
             return {}

@@ -132,8 +132,7 @@ SHORTER, ATTEMPTS = 1 / 16, 6
 """Factor by which a rejected leap is shortened, and largest number of attempts."""
 
 MOST_LEAP_STEPS = 2000
-"""Largest number of steps of the other method in a leap. One is usual, but a force that may act for a short time only
-requires a thousand."""
+"""Largest number of steps in a leap. One is usual. A force that may act for a short time only requires a thousand."""
 
 
 @dataclass

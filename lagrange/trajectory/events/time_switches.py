@@ -22,14 +22,10 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray
 
 SIDES_PER_STEP = 4
-"""Number of times within a longest step at which the sides of surfaces are compared. It is at most the number of stages
-of a step.
-"""
+"""Number of times within a longest step at which signs of surfaces are compared, at most the number of stages."""
 
 SWITCH_MARGIN = 2.0
-"""Distance before a surface at which a step ends, in spacings of times. Rounding changes the times of stages by one
-spacing.
-"""
+"""Distance before a surface at which a step ends, in spacings of times: rounding changes times of stages by one."""
 
 TOGETHER = 4
 """Largest distance between the last time before a surface and the first time after it, in spacings of times."""

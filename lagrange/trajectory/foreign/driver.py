@@ -184,8 +184,7 @@ Such an object takes 1,310 to 1,540 bytes with 2 entries, and up to 2,850 with 2
 
 _ACCEPTED = np.zeros(S.SURVEYED + 1, dtype=np.int64)
 _ACCEPTED[[S.ROWS, S.STEPS]] = 1
-"""Increments of a driver's counts for an accepted step. They are added in one operation, so that Ctrl-C never leaves
-some of them missing."""
+"""Increments of a driver's counts for an accepted step, added in one operation, which Ctrl-C cannot divide."""
 
 
 Unread = partial[StepInterpolant]
@@ -254,8 +253,7 @@ def drive_stepwise(
 class SolverPlan:
     """The plan of one run by solvers of another package: tolerances, driver, and dense output. Implements `Plan`.
 
-    `start` makes a solver. `messages` are the messages of the package, and `interpolants` the paths over the steps so
-    far.
+    `start` makes a solver. `messages` are the messages of the package, and `interpolants` the paths over steps.
     """
 
     problem: Problem

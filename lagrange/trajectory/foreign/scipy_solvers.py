@@ -123,8 +123,7 @@ class ScipyMethod(ABC):
     repeats: ClassVar[bool] = False
     """True if a step depends only on the state and the times of its ends, so that its path can be recomputed."""
     first_power: ClassVar[int] = 0
-    """Power of the first step with which its error grows; 0 if the solver's choice does not depend on absolute times.
-    """
+    """Power of the first step with which its error grows; 0 if the solver's choice does not depend on the time."""
 
     def __post_init__(self) -> None:
         check_bounds(self.name, self.max_step, self.first_step)

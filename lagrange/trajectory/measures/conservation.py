@@ -161,8 +161,7 @@ def _finite(values: FloatArray) -> FloatArray:
 
 
 _NEAR_ZERO = 1e-3
-"""Initial energy, relative to the exchanged kinetic energy, below which it is a small difference and not used as scale.
-"""
+"""Initial energy, relative to the exchanged kinetic energy, below which it is too small a difference for a scale."""
 
 
 @dataclass(frozen=True, repr=False)

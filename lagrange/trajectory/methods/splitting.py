@@ -128,8 +128,7 @@ def _pairs(name: str, stages: Any) -> SplittingStages:
 def check_separable(name: str, model: Model) -> None:
     """Raise StatementError if method `name` cannot split a model into kicks and drifts.
 
-    This is so if the mass matrix is not constant, if equations are of first order, or if accelerations depend on
-    velocities.
+    This is so if the mass matrix is not constant, equations are of first order, or accelerations depend on velocities.
     """
     structure = model.equations.structure
     position_only = structure.position_only or structure.decisions.position_only is True
@@ -320,8 +319,7 @@ def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> 
 def word_coefficients(order: int, flows: tuple[tuple[str, float], ...]) -> dict[str, float]:
     """Return the coefficients of all words of 1 to `order` letters in the series of a product of exponentials.
 
-    `flows` has the factors exp(c * letter), in order, as pairs (letter, c) with the letters "k" (kick) and "d"
-    (drift).
+    `flows` has the factors exp(c * letter) in order as pairs (letter, c); "k" is a kick, and "d" a drift.
     """
     words = ["".join(letters) for n in range(order + 1) for letters in product("dk", repeat=n)]
     result = dict.fromkeys(words, 0.0) | {"": 1.0}

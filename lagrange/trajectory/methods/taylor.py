@@ -112,8 +112,7 @@ class TaylorPlan:
     def driver(self, model: Model, parameters: FloatArray) -> SeriesDriver:
         """Return a driver of the steps for parameters (k,).
 
-        The signs of the switching surfaces follow in its array of parameters. They are NaN, since they are still
-        undecided.
+        The signs of the switching surfaces follow in its array of parameters. They are NaN until they are known.
         """
         if sides := self.series.program.sides:
             parameters = np.concatenate([parameters, np.full(sides, np.nan)])
@@ -152,8 +151,7 @@ def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]
     """Return the square roots whose zeros end a Taylor series, as a mapping from root to a power of its radicand.
 
     The roots occur in the equations of motion or in the expressions `events`. A square root that is itself an event is
-    left out, because its zeros are found as zeros of the event. The power is that in the equations or events, such as
-    x**(1/3).
+    left out, because its zeros are found as zeros of the event. The power occurs there, such as x**(1/3).
     """
     if not events:
         return model.square_roots

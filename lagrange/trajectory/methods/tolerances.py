@@ -77,8 +77,7 @@ def fixed_settings(
 ) -> Tolerances:
     """Return the step of a fixed-step method: the step of the run, else of the method, else a thousandth of the span.
 
-    `name` is the method's name. `step`, `rtol` and `atol` are the method's own options, None if not given; tolerances
-    are refused.
+    `name` is the method's name. `step`, `rtol` and `atol` are the method's own options or None; tolerances are refused.
     """
     check_problem(name, problem)
     if problem.rtol is not None or problem.atol is not None or rtol is not None or atol is not None:

@@ -61,7 +61,7 @@ BS3 = ButcherTableau(
 
 @cache
 def dopri5() -> ButcherTableau:
-    """Return the tableau of the Runge-Kutta method named like this function, built and checked at the first call."""
+    """Return the tableau of Dormand and Prince, order 5(4), built and checked at the first call."""
     return ButcherTableau(
         name="dopri5",
         order=5,
@@ -97,7 +97,7 @@ def dopri5() -> ButcherTableau:
 
 @cache
 def tsit5() -> ButcherTableau:
-    """Return the tableau of the Runge-Kutta method named like this function, built and checked at the first call."""
+    """Return the tableau of Tsitouras, order 5(4), built and checked at the first call."""
     return ButcherTableau(
         name="tsit5",
         order=5,
@@ -139,8 +139,7 @@ def tsit5() -> ButcherTableau:
 _C = row("0 0.05260015195876773 0.0789002279381516 0.1183503419072274 0.2816496580927726") + row(
     "1/3 1/4 4/13 127/195 3/5 6/7 1 1"
 )
-"""Abscissae of the stages. Those before 1/3 are (12 - 2 r)/135, (6 - r)/45, (6 - r)/30 and (6 + r)/30, where r is the
-square root of 6."""
+"""Abscissae of DOP853. Before 1/3 they are (12 - 2 r)/135, (6 - r)/45, (6 - r)/30 and (6 + r)/30 with r = sqrt(6)."""
 
 _A = triangle(
     row("""
@@ -158,7 +157,7 @@ _A = triangle(
     -0.1521609496625161 0.20136540080403034 0.04471061572777259
 """)
 )
-"""The matrix of the stages, and last the weights of the step."""
+"""Matrix of the stages of DOP853, and in its last row the weights of the step."""
 
 _B = _A[-1]
 
@@ -173,7 +172,7 @@ _EXTRA = triangle(
 """),
     len(_B) + 1,
 )
-"""The rows of the stages that only the dense output needs."""
+"""Rows of the stages that only the dense output of DOP853 needs."""
 
 _INTERPOLANT = chunks(
     row("""
@@ -201,7 +200,7 @@ _E5 = row("""
 _E3 = tuple(b - bhat for b, bhat in zip(_B, row("31/127 0 0 0 0 0 0 0 12675/17272 0 0 3/136"), strict=True))
 
 _SHAPES = ((1, 0), (1, 1), (2, 1), (2, 2), (3, 2), (3, 3), (4, 3))
-"""Powers of theta and of 1 - theta in the seven polynomials that span the path."""
+"""Powers of theta and of 1 - theta in the seven polynomials that span the dense output of DOP853."""
 
 
 def _path_weights() -> tuple[Coefficients, ...]:
@@ -305,7 +304,7 @@ _VERNER_EXTRA = triangle(
     ),
     16,
 )
-"""The rows of the stages that only the dense output needs. The first is the end of the step."""
+"""Rows of the stages that only the dense output of Verner's method needs. The first is at the end of the step."""
 
 _VERNER_ERROR = row("""
     0.005357988290444578 0 0 0 0 0 0 2.583020491182464 -0.14252253154686625 -0.013420653512688676 0.028672962914094935
@@ -351,11 +350,8 @@ _VERNER_PATH = dict(
         strict=True,
     )
 )
-"""Weights of the dense output, by the index of the stage, for stages with any.
-
-They are the only ones that satisfy the order conditions with these stages: the conditions were solved for them in 60
-digits, from stages of 40 digits.
-"""
+"""Weights of the dense output of Verner's method, by the index of the stage; other stages have none. They are the only
+solution of the order conditions for these stages, computed in 60 digits from stages of 40 digits."""
 
 
 @cache
