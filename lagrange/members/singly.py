@@ -47,10 +47,7 @@ class Energies:
     last: FloatArray
 
     def kinetic(self, y: FloatArray, observed: FloatArray) -> FloatArray:
-        """Return the kinetic energies (m,) of states y (m, 2n), as |v.p| / 2.
-
-        `observed` (m, 1 + n) has the energy and the momenta p of each state.
-        """
+        """Return the kinetic energies |v.p| / 2 of m states y (m, 2n), with energy and p in `observed` (m, 1 + n)."""
         with np.errstate(all="ignore"):
             return np.asarray(np.abs(np.sum(y[:, y.shape[1] // 2 :] * observed[:, 1:], axis=1)) / 2)
 

@@ -167,10 +167,7 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
 
 
 def _drawn(label: str, distribution: Any, probabilities: FloatArray) -> FloatArray:
-    """Return quantiles (m,) of a user's range (low, high) or distribution, at `probabilities` (m,).
-
-    `label` is the name of what varies, for messages.
-    """
+    """Return quantiles (m,) of a range (low, high) or a distribution at `probabilities` (m,), for the key `label`."""
     quantile = getattr(distribution, "ppf", None)
     if callable(quantile):
         try:
@@ -333,10 +330,7 @@ def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any
 
 
 def _divided(what: str, argument: Any) -> tuple[dict[Any, Any], list[Varied]]:
-    """Return the common values in a user's argument, by key, and the values that vary between members.
-
-    `what` is the name of the `argument`, for messages.
-    """
+    """Return the common values, by key, and the varying values in a user's `argument`, which messages call `what`."""
     if argument is None:
         return {}, []
     if isinstance(argument, Varied):

@@ -63,10 +63,7 @@ class Nearest:
         self._free = np.flatnonzero(free)
 
     def of(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
-        """Return the point of the surface nearest to `start` (k,), and its residuals.
-
-        If Newton's method does not converge, the point is the last iterate.
-        """
+        """Return the point of the surface nearest to `start` (k,), or else the last iterate, and its residuals."""
         x, residuals = self.restored(start)
         if residuals.largest > ON_SURFACE:
             return x, residuals

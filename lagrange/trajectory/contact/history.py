@@ -61,10 +61,7 @@ class ContactHistory:
 
 
 def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> ContactHistory:
-    """Return the history of contacts from the arrays of a file.
-
-    Raises StatementError if the arrays do not fit together, or do not fit the contacts.
-    """
+    """Return the history of contacts from a file's arrays. Raises StatementError if these do not fit the contacts."""
     modes = tuple(
         Mode(tuple(states), tuple(ways), None if independent is None else tuple(independent), tuple(bouncing), *others)
         for states, ways, independent, bouncing, *others in json.loads(str(arrays["modes"]))

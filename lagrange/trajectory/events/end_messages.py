@@ -57,10 +57,7 @@ def unresolved(name: str) -> EventResult:
 
 
 def sliding(name: str, t: float) -> EventResult:
-    """Return the end of a run at time t on a switching surface, to which the motion returns from both sides.
-
-    `name` is the text of the surface's expression.
-    """
+    """Return the end of a run at time t on the switching surface `name`, to which it returns from both sides."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"The equations of motion jump where {name} is zero, and from t = {t:.6g} on they drive {name} back to zero "

@@ -151,10 +151,7 @@ class Continuations:
     continuations_in_a_row: int = 0
 
     def ahead(self, state: DriverState) -> list[float]:
-        """Return the end times to try for a leap, a short step without a series, the latest first.
-
-        The list is empty if no leap from the state is allowed.
-        """
+        """Return the end times to try for a leap, the latest first. The list is empty if no leap is allowed."""
         span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
         if not left or (state.t == self.landed and self.continuations_in_a_row >= IN_A_ROW):
             return []

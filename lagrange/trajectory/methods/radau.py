@@ -105,10 +105,7 @@ RADAU3, RADAU5 = RadauStep(2), RadauStep(3)
 
 @dataclass(frozen=True)
 class RadauPath:
-    """Function that makes the dense output of Radau's method with `stages` stages.
-
-    On each step it is a polynomial of degree and order `stages` + 1.
-    """
+    """Function that makes the dense output of Radau's method with `stages` stages, of degree and order `stages` + 1."""
 
     stages: int
 

@@ -279,10 +279,7 @@ def Composition8(step: float | None = None) -> Splitting:
 
 
 def _mirrored(outer: tuple[float, ...]) -> tuple[float, ...]:
-    """Return coefficients that are the same in reverse order and have the sum 1.
-
-    They are `outer`, one coefficient in the middle, and `outer` reversed.
-    """
+    """Return `outer`, a middle coefficient that makes the sum 1, and `outer` reversed: a symmetric sequence."""
     return (*outer, 1 - 2 * sum(outer), *outer[::-1])
 
 

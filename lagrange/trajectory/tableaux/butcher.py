@@ -73,10 +73,7 @@ def moved(tableau: ButcherTableau, f: Callable[[Any, Any], Any], t: Any, y: Any,
 
 
 def _weighted(weights: Coefficients, slopes: Sequence[Any]) -> Any:
-    """Return the sum of the slopes of stages, each times its weight.
-
-    Slopes after the last weight, and slopes with the weight zero, are left out.
-    """
+    """Return the sum of slopes times weights. Slopes with the weight zero, or without a weight, are left out."""
     return sum(slope * (int(w) if w == int(w) else float(w)) for w, slope in zip(weights, slopes, strict=False) if w)
 
 
