@@ -255,10 +255,8 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     if not short:
         return
     row = min(short, key=sizes.__getitem__)
-    entry, request = (
-        f"{problem.model.layout.names()[row]} does not exceed {sizes[row]:.3g}",
-        f"rtol = {tolerances.rtol:g} asks for",
-    )
+    entry = f"{problem.model.layout.names()[row]} does not exceed {sizes[row]:.3g}"
+    request = f"rtol = {tolerances.rtol:g} asks for"
     lower = tolerances.rtol * sizes[row]
     if tolerances.share or lower < sys.float_info.min:
         yield f"{entry}, near the smallest of all doubles, and has fewer digits than {request}: {UNITS}."

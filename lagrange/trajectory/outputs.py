@@ -131,12 +131,11 @@ class AcceptedStates:
         If states were dropped, there are three rows: the start, the largest sizes of the entries, and the end.
         """
         if self.removed:
-            times = [self._begin.times, self.parts[-1].times[-1:], self.parts[-1].times[-1:]]
-            states = self._begin.states[0], self._largest(), self.parts[-1].states[-1]
-            return np.concatenate(times), np.array(states)
-        return np.concatenate([part.times for part in self.parts]), np.concatenate(
-            [written.states for written in self.parts]
-        )
+            begin, end = self._begin, self.parts[-1]
+            states = np.array([begin.states[0], self._largest(), end.states[-1]])
+            return np.concatenate([begin.times, end.times[-1:], end.times[-1:]]), states
+        all_times, all_states, _ = zip(*self.parts, strict=True)
+        return np.concatenate(all_times), np.concatenate(all_states)
 
     def _largest(self) -> FloatArray:
         before = [] if self._sizes is None else [self._sizes]

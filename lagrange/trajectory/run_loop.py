@@ -246,11 +246,8 @@ class _Run:
                     result = past
                     if result.jumped:
                         rows.add(state.t, state.y)
-                if (
-                    result.status is Status.STEP_TOO_SMALL
-                    and result.smooth
-                    and not np.isfinite(self.slope_ahead()).all()
-                ):
+                at_edge = result.smooth and result.status is Status.STEP_TOO_SMALL
+                if at_edge and not np.isfinite(self.slope_ahead()).all():
                     return Status.NON_FINITE, ""
                 if result.status is not None:
                     return result.status, result.detail

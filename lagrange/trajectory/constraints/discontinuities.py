@@ -195,14 +195,11 @@ class Discontinuities:
             if abs(values[of_velocity, 2]) <= VANISHING_GRADIENT * max(sizes[of_velocity, :2]):
                 dependent = Singular(0.0, rows=((constraint, 1.0),))
                 relation = dependent_rows(self.model.equations.constraints.names, dependent)
-                return (
-                    row,
-                    part,
-                    (
-                        f"{relation} on the step from there, and does not determine how the motion continues. End the "
-                        "run before it by an event, or state the constraint in another way."
-                    ),
+                message = (
+                    f"{relation} on the step from there, and does not determine how the motion continues. End the run "
+                    "before it by an event, or state the constraint in another way."
                 )
+                return row, part, message
         return None
 
 

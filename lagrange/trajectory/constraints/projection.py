@@ -90,11 +90,7 @@ class Nearest:
         """
         x, residuals = start, self._surface(start)
         for _ in range(NEAREST_CORRECTIONS):
-            if (
-                not np.isfinite(residuals.largest)
-                or not np.isfinite(residuals.gradient).all()
-                or residuals.largest <= CONVERGED
-            ):
+            if not CONVERGED < residuals.largest < math.inf or not np.isfinite(residuals.gradient).all():
                 break
             correction, share = self._step(residuals, np.zeros_like(x), -residuals.values), 1.0
             while share >= SHORTEST_SHARE:

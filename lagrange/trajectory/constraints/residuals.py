@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import compress
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -116,10 +117,7 @@ class ConstraintResiduals:
     @property
     def labels(self) -> list[str]:
         """The names of the constraints (p + m,): the p constraints phi on positions, then all m constraints psi."""
-        return [
-            *(name for name, is_holonomic in zip(self.names, self.holonomic, strict=True) if is_holonomic),
-            *self.names,
-        ]
+        return [*compress(self.names, self.holonomic), *self.names]
 
     def gradients(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return the gradients G (m, n, k) of the constraints by the velocities, at times (k,) and states (2n, k)."""

@@ -340,10 +340,8 @@ class SeriesWatch(EventLog):
         if before is None:
             return {}
         events = slice(self.surfaces, None)
-        change, occurred = (
-            (before.watched[0, events], ahead.watched[0, events]),
-            [i - self.surfaces for i in occurred_now],
-        )
+        change = before.watched[0, events], ahead.watched[0, events]
+        occurred = [i - self.surfaces for i in occurred_now]
         sides = sides_after_events(self.zero_sides[events], self.events, change, before.noise[events], occurred)
         return {i: side for i, side in enumerate(sides, self.surfaces) if side.sign}
 

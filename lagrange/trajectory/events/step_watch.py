@@ -406,11 +406,8 @@ class StepWatch(EventLog):
         self.changed, self._changed_at = state.t, state.count(S.STEPS)
         met = {zero.which: zero.root.rising for zero in all_zeros if not zero.root.jump}
         self._zero_sizes = {**earlier, **{i: abs(float(values[i])) for i in met}}
-        self._start = MotionStart(
-            zero_sizes=self._zero_sizes,
-            zeros=met,
-            jumped=frozenset(zero.which for zero in all_zeros if zero.root.jump),
-        )
+        jumped = frozenset(zero.which for zero in all_zeros if zero.root.jump)
+        self._start = MotionStart(zero_sizes=self._zero_sizes, zeros=met, jumped=jumped)
         result = self._defined(state)
         moved = self.kernel(state.t, after, self.parameters)
         noise = state_noise(self.kernel, self.parameters, np.array([state.t]), before[:, None], values[:, None])[:, 0]

@@ -252,11 +252,8 @@ def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: Fl
     largest = np.zeros(2 * m)
     positions, velocities = np.flatnonzero(residuals.holonomic[:m]), np.arange(m, 2 * m)
     for i in dict.fromkeys(np.linspace(0, len(t) - 1, DRIFT_SAMPLES).astype(int).tolist()):
-        point = (
-            float(t[i]),
-            np.ascontiguousarray(y[:, i]),
-            parameters[:, i].copy() if parameters.ndim == 2 else parameters,
-        )
+        values = parameters[:, i].copy() if parameters.ndim == 2 else parameters
+        point = float(t[i]), np.ascontiguousarray(y[:, i]), values
         if not np.isfinite(point[1]).all():
             continue
         units = units_of(mass(*point))
