@@ -20,7 +20,8 @@ from lagrange.statement.coordinate import check_multipliers, constraint_of, mult
 from lagrange.statement.expression import ByName
 from lagrange.statement.expression import expression as expression_of
 from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
-from lagrange.trajectory.contact.modes import Mode, modes_of, sliding_friction
+from lagrange.trajectory.contact.modes import Mode, modes_of
+from lagrange.trajectory.contact.resets import sliding_friction
 from lagrange.trajectory.trajectory import FloatArray, Trajectory, segment_numbers
 
 GAUSS_POINTS = 12

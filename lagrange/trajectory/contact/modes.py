@@ -20,7 +20,13 @@ from lagrange.statement.event import Event
 from lagrange.statement.statement import ALLOW, Constraint, Statement
 from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
 from lagrange.trajectory.contact.kinematics import MODELS_KEPT
-from lagrange.trajectory.contact.resets import WrittenFriction, WrittenImpacts, written_friction
+from lagrange.trajectory.contact.resets import (
+    WrittenFriction,
+    WrittenImpacts,
+    friction_margin,
+    sliding_friction,
+    written_friction,
+)
 from lagrange.trajectory.integrator import Problem
 
 
@@ -231,17 +237,6 @@ def mode_statement(statement: Statement, mode: Mode) -> Statement:
     )
 
 
-def sliding_friction(contact: Contact, way: int | None) -> list[Any]:
-    """Return the friction forces of a sliding contact, one for each slip component.
-
-    `way` is the direction of sliding along a line, 1 or -1. In a plane it is not used.
-    """
-    size = contact.friction[1] * contact.normal
-    if len(contact.slip) == 1:
-        return [-size * way]
-    return [-size * slip / contact.slip_speed for slip in contact.slip]
-
-
 def _ends(contacts: Sequence[Contact], mode: Mode) -> list[tuple[Event, tuple[int, str]]]:
     """Return the events that end a mode, each with the index of its contact and its kind."""
     zeros = list[tuple[Any, int, str]]()
@@ -251,8 +246,7 @@ def _ends(contacts: Sequence[Contact], mode: Mode) -> list[tuple[Event, tuple[in
             plane = len(contact.slip) > 1
             zeros.append((contact.slip_speed - mode.slowest if plane else contact.slip[0] * way, i, STOPPING))
         if state == STICKING:
-            slip_forces = [multiplier(name) ** 2 for name in contact.slip_names]
-            zeros.append((contact.friction[0] ** 2 * contact.normal**2 - sympy.Add(*slip_forces), i, YIELDING))
+            zeros.append((friction_margin(contact, map(multiplier, contact.slip_names)), i, YIELDING))
     return [(Event(zero, direction=-1, terminal=1), (i, kind)) for zero, i, kind in zeros]
 
 

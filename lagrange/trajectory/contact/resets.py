@@ -13,7 +13,7 @@ M^-1 h + dslip/dt) / (D M^-1 D^T). The friction force is f = (1 - w^2) F - mu w 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from types import MappingProxyType
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
-from lagrange.statement.contact import impact_speed
+from lagrange.statement.contact import Contact, impact_speed
 from lagrange.statement.coordinate import coordinate_of, velocity_of
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.event import Event
@@ -121,6 +121,22 @@ def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
     return gap.xreplace(symbols).diff(time).xreplace({dummy: x for x, dummy in symbols.items()})
 
 
+def sliding_friction(contact: Contact, way: Any) -> list[Any]:
+    """Return the friction forces of a sliding contact, one for each slip component.
+
+    `way` is the direction of sliding along a line: 1, -1 or an expression. In a plane it is not used.
+    """
+    size = contact.friction[1] * contact.normal
+    if len(contact.slip) == 1:
+        return [-size * way]
+    return [-size * slip / contact.slip_speed for slip in contact.slip]
+
+
+def friction_margin(contact: Contact, forces: Iterable[Any]) -> Any:
+    """Return (mu N)^2 - |f|^2 with the static mu and friction `forces` f: a contact sticks while this is positive."""
+    return contact.friction[0] ** 2 * contact.normal**2 - sympy.Add(*(force**2 for force in forces))
+
+
 @dataclass(frozen=True, eq=False)
 class WrittenFriction:
     """The friction of the contact `which`, as a `model` whose state has one more coordinate, the way.
@@ -208,7 +224,8 @@ def _written(model: Model, which: int, lines: list[Any], responses: list[Any]) -
         for drift, response, size in zip(drifts, responses, sizes, strict=True)
     )
     slides, way_rate = way**2, velocity_of(way)
-    friction = (1 - slides) * hold - contact.friction[1] * way * normal
+    with_normal = {contact.normal: normal}
+    friction = (1 - slides) * hold + sliding_friction(contact, way)[0].xreplace(with_normal)
     applied = [force + w * normal + d * friction for force, w, d in zip(statement.forces, *lines, strict=True)]
     stated = replace(
         statement,
@@ -223,7 +240,7 @@ def _written(model: Model, which: int, lines: list[Any], responses: list[Any]) -
     )
 
     # Events between sliding and sticking. Gap and gap rate become zero; the slip becomes zero, or small.
-    cone = (contact.friction[0] * normal) ** 2 - hold**2
+    cone = friction_margin(contact, [hold]).xreplace(with_normal)
     slip_direction = -sympy.sign(hold)
     way_after_stop = sympy.Piecewise((0, cone >= 0), (1, True)) * slip_direction
     small_slip = 2 * SLIGHT * abs(hold) * sizes[1] * sympy.Max(abs(time), moment)
