@@ -1,4 +1,4 @@
-"""A store of results on disk in the zarr format: its folder, its blocks with checksums, and its lock."""
+"""Store the results of an ensemble on disk in the zarr format: its folder, its blocks with checksums, its lock."""
 
 from __future__ import annotations
 

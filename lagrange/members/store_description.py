@@ -1,4 +1,4 @@
-"""The description of an ensemble for its store, and the names of results in stores and tables."""
+"""Describe an ensemble for its store, and name its results in stores and tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages at the end of a run: time, coordinate that failed, cause and remedy."""
+"""Write the message at the end of a run: the time, the coordinate that failed, the cause and the remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Storage of a run: accepted states, states at output times (t_eval), and dropped states if memory is used up."""
+"""Store the states of a run: accepted states, which may be dropped to save memory, and states at output times."""
 
 from __future__ import annotations
 

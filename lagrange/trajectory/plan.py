@@ -1,4 +1,4 @@
-"""Plans: methods prepared for a model, with drivers (loops over steps), cached for later runs of the model."""
+"""Prepare a method for a model as a plan, with drivers (loops over steps), and cache it for later runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sizes and rounding noise of a state's entries, and the floors (least absolute tolerances) from them."""
+"""Estimate sizes and rounding noise of a state's entries, which set the floors (least absolute tolerances)."""
 
 from __future__ import annotations
 

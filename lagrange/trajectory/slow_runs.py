@@ -1,4 +1,4 @@
-"""Causes of slow runs: rounding noise, sticking to a switching surface, a singularity ahead, late compilation."""
+"""Find why a run is slow: rounding noise, sticking to a switching surface, a singularity ahead, late compilation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Result of a run for users: rows by name, states at any time, energy, files and pictures."""
+"""The result of a run for users: rows by name, states at any time, energy, files and pictures."""
 
 from __future__ import annotations
 

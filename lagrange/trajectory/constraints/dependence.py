@@ -1,4 +1,4 @@
-"""Linearly dependent constraints: at a state, at all nearby states on the constraints, or along a run.
+"""Find linearly dependent constraints: at a state, at all nearby states on the constraints, or along a run.
 
 Two motions may cross at a configuration with dependent constraints. For example, a parallelogram linkage continues as a
 parallelogram, or with crossed rods. A long step over the crossing follows the smooth motion, but short steps towards

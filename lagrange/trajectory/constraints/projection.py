@@ -1,4 +1,4 @@
-"""Projection of a state onto the constraints of its model, and the error messages if there is no such state."""
+"""Project a state onto the constraints of its model, or make the error message if there is no such state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Residuals of a model's constraints at a state, each relative to the terms that cancel in it."""
+"""Evaluate the residuals of a model's constraints at a state, each relative to the terms that cancel in it."""
 
 from __future__ import annotations
 

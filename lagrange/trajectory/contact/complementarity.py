@@ -1,4 +1,4 @@
-"""Forces of contacts with Coulomb friction: the complementarity problem of their normal and friction forces.
+"""Solve for the forces of contacts with Coulomb friction: a complementarity problem of normal and friction forces.
 
 Forces f of k contacts cause rates w = A f + b: for each contact the normal component, then the friction components. A
 contact pushes, f_n >= 0. It does not penetrate, w_n >= 0. One of both is zero. Friction holds the surfaces, w_t = 0, as

@@ -1,4 +1,4 @@
-"""Gaps and slips of contacts at a state, the thresholds below which they are zero, and the effect of contact forces."""
+"""Evaluate gaps and slips of contacts at a state, the thresholds at which they are zero, and the effect of forces."""
 
 from __future__ import annotations
 

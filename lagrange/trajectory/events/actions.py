@@ -1,4 +1,4 @@
-"""Events of a run as expression nodes: directions, terminal counts, and resets as compiled functions."""
+"""Translate the events of a run: their functions become graph nodes, and their resets compiled functions."""
 
 from __future__ import annotations
 

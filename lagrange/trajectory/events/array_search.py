@@ -1,4 +1,4 @@
-"""Search on arrays for the zeros of an event function on one step: each once, in order, with the sign at the end.
+"""Find the zeros of an event function on one step with NumPy arrays: each once, in order, with the sign at the end.
 
 The function is sampled at Chebyshev points of subintervals. A subinterval is halved until its Chebyshev series
 resolves the function, so that the last coefficients are at rounding level. Source: L. N. Trefethen, Approximation

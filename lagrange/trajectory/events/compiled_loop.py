@@ -1,4 +1,4 @@
-"""Compiled loop over steps with events: the decision to compile it, and the memory that it shares with its caller."""
+"""Decide whether a loop over steps with events is compiled, and hold the memory that it shares with its caller."""
 
 from __future__ import annotations
 

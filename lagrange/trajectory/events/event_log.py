@@ -1,4 +1,4 @@
-"""Occurrences of events so far, and tests for accumulating events, with which time does not advance."""
+"""Record the occurrences of events, and detect events that accumulate, so that time does not advance."""
 
 from __future__ import annotations
 

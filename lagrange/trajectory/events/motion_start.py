@@ -1,4 +1,4 @@
-"""Event functions at the start of a smooth piece of motion: their known signs (sides), and contacts that act at once.
+"""Determine the signs (sides) of event functions at the start of a run or after a reset, and contacts that act at once.
 
 The side is the known sign of an event function between two points, never the sign of a value within rounding of zero:
 

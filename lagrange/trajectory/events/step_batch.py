@@ -1,4 +1,4 @@
-"""Event functions on a batch of steps, sampled together on the dense output, and a test that they keep their sign."""
+"""Sample event functions on a batch of steps along the dense output, and test whether they keep their sign."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Switching surfaces that depend only on time, such as those of Mod(t, T): steps end before them and begin after them.
+"""End steps before switching surfaces that depend only on time, such as jumps of Mod(t, T), and begin after them.
 
 A step over a jump of the forces would be rejected until it is short enough for its error. The surfaces of time are
 known without the motion, so no step has to cross one.
