@@ -363,7 +363,7 @@ class Results:
 
     @property
     def members(self) -> int:
-        """The number m of members."""
+        """The number of members that have rows in the columns."""
         return len(next(iter(self.columns.values())))
 
     @classmethod

@@ -190,7 +190,8 @@ the largest change. A smaller change has no correct digits. A larger change may 
 displacement gives the same derivative."""
 
 MOST_DISPLACEMENTS = 8
-"""Largest number of displacements of one entry. If none is visible and linear, the derivatives are zero."""
+"""Largest number of displacements of one entry, from which derivatives are computed. If none is suitable, the
+derivatives are zero."""
 
 NOISE_AHEAD, EULER_STEPS = 1 / 8, 2
 """The noise is also evaluated at a later state. Between the two states are Euler steps: the second number of them, each

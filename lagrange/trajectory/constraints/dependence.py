@@ -23,8 +23,8 @@ from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 
 AROUND = 1e-2
-"""Distance of the sample states from a state, relative to the largest coordinate. Rows that are dependent at a single
-configuration are independent by about this much at the samples."""
+"""Distance of the sample states from a state, relative to the largest coordinate. Constraints that are dependent only
+at this state are independent at the samples, by a singular value of about this size."""
 
 NEARBY_SAMPLES = 4
 """Number of sample states around a state."""

@@ -32,7 +32,7 @@ LONGEST_SURFACE = 80
 """Longest expression that a message shows, in characters."""
 
 CHANGE_NOISE = 1e-9
-"""A change below this fraction of the terms is rounding: the point of the surface is known to 1e-15 of the step."""
+"""A change of a constraint below this fraction of its terms is rounding: the surface is located to 1e-15 of a step."""
 
 VANISHING_GRADIENT = 1e-2
 """Largest row of G, relative to its size at the ends of a step, that counts as zero. The rows at both ends must be
@@ -233,7 +233,7 @@ class _Surface:
         """Return the difference of each constraint between the two sides, (p + m, k).
 
         First come the p constraints phi on positions: the difference of their values, relative to their terms. Then
-        come the m constraints psi on velocities: the larger of this and of the difference of the row of G.
+        come the m constraints psi on velocities: the difference of values, or of the row of G if that is larger.
         """
         signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
         turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)

@@ -55,7 +55,7 @@ the second for impacts without loss of energy."""
 class Bounces:
     """The present series of impacts with ever shorter flights between them.
 
-    `contacts` has the last `FEWEST_FLIGHTS` impacts: the set of the contacts that take part in each.
+    `contacts` has a set for each of the last `FEWEST_FLIGHTS` impacts: the contacts that take part in the impact.
     """
 
     def __init__(self) -> None:
@@ -131,10 +131,9 @@ SHORTEST_REST = 2.0**-36
 """Time until impacts have ended, relative to the time of the run, below which no separate segment is run."""
 
 TYPED, EARLY, EARLY_FALL = 1e-8, 1e-7, 1e-6
-"""Largest overlap at the start that is rounding: the first number times the terms of the gaps, or the change of the gap
-early in the run. This is the change at its rate in the second fraction of the run, plus that by its acceleration in
-the third.
-"""
+"""Largest overlap of bodies at the start that counts as rounding. It is the first number times the terms of the gaps.
+If that is larger, it is the change of the gap early in the run: by its rate during the second fraction of the run, and
+by its acceleration during the third fraction."""
 
 FAILED = (Status.UNRELIABLE, Status.NON_FINITE, Status.SINGULAR, Status.STEP_TOO_SMALL, Status.DIVERGED)
 """Statuses after which a segment is run again, with a check of each impact and each change of the mode."""

@@ -31,7 +31,8 @@ from lagrange.trajectory.contact.resets import SHORT, SLIGHT, coupling, response
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_IN_SEQUENCE = 500
-"""Largest number of impacts in a sequence at one instant. The rates that remain after them are stopped at once."""
+"""Largest number of impacts in a sequence at one instant. After them, one impact without restitution stops all gaps
+that still close."""
 
 IMPACT_NOISE = 1e-13
 """A gap rate after an impact is rounding if it is below this fraction of the speed of the impact."""

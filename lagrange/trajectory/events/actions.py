@@ -143,7 +143,7 @@ def _reset(resets: Iterable[ModelEvent], t: float, before: FloatArray, parameter
 
 
 def model_events(model: Model, events: Sequence[Event]) -> tuple[ModelEvent, ...]:
-    """Return the events of a run with nodes as expressions. One kernel computes the new values of all resets."""
+    """Return the events of a run, whose expressions are graph nodes. One kernel computes the values of all resets."""
     equations, rows = model.equations, state_rows(model.statement.coordinates)
     values = [value for event in events for value in event.reset.values()]
     kernel = model.function("reset", tuple(map(equations.translate, values))) if values else None

@@ -34,7 +34,7 @@ LEAST = 2.0**-80
 """Shortest interval over a surface, as a fraction of the run. Spacings of times near 0 are too small for a path."""
 
 SPREAD = 2.0 ** np.arange(32)
-"""Distances from the estimate of a zero, in spacings of times, at which sides are tested together."""
+"""Distances from the estimate of a surface's zero, in spacings of times, at which the surface's sign is tested."""
 
 _SURFACES: WeakKeyDictionary[Model, tuple[Node, ...]] = WeakKeyDictionary()
 

@@ -178,7 +178,7 @@ def _unique(slopes: FloatArray, row: FloatArray) -> bool:
 
 
 CANCELS = 0.5
-"""Value of a constraint, relative to the sizes of its terms, below which its terms cancel."""
+"""The terms of a constraint cancel if the constraint is below this fraction of their sizes."""
 
 DRIFT_SAMPLES = 9
 """Number of states along the run from which the largest entries are taken."""

@@ -151,7 +151,7 @@ def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]
     """Return the square roots whose zeros end a Taylor series, as a mapping from root to a power of its radicand.
 
     The roots occur in the equations of motion or in the expressions `events`. A square root that is itself an event is
-    left out, because its zeros are found as zeros of the event. The power occurs there, such as x**(1/3).
+    left out, because its zeros are found as zeros of the event. The power is a term there, such as x**(1/3).
     """
     if not events:
         return model.square_roots
