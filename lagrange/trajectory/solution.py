@@ -244,7 +244,7 @@ class Solution:
 
     @property
     def energy_lost(self) -> FloatArray:
-        """The energy that impacts and friction of contacts have taken, (N,) at the output times."""
+        """The energy that impacts and friction of contacts have dissipated, (N,) at the output times."""
         return np.zeros(len(self.t)) if self._contact_run is None else self._contact_run.energy_lost
 
     @cached_property

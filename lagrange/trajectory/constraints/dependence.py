@@ -136,7 +136,7 @@ DEPENDENCE_FACTOR = 3.0
 root of rtol. Runs of four methods over crossings had 1e-6 to 5e-5 at rtol = 1e-9."""
 
 SURELY_FAR = 1e2
-"""Margin for units: they change the least singular value of normalised rows by less than this factor."""
+"""Units of coordinates change the least singular value of normalised rows by less than this factor."""
 
 AWAY, STATES_AFTER = 0.1, 32
 """Relative singular value above which a motion has moved away from a crossing, and the number of states after the

@@ -79,7 +79,7 @@ class Breaks:
     def append(self, row: int, whole: tuple[float, FloatArray] | None) -> None:
         """Add a break after the stored state with index `row`.
 
-        `whole` is the time and state at the end of the step before it was shortened, or None for a step that was not.
+        `whole` is the time and state at the end of the full step if the step was shortened, else None.
         """
         end, state = (math.nan, np.full(self._parts[0][2].shape[1], math.nan)) if whole is None else whole
         self.extend(np.array([row]), np.array([end]), state[None])

@@ -46,7 +46,7 @@ rest the kinetic energy has a relative error of 1; the error of the state is hal
 """
 
 DIRECTIONS = 8
-"""Number of random displacements that are tried."""
+"""Number of displacements of the initial state from which the rounding error of its energy is estimated."""
 
 
 def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
