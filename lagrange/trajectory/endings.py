@@ -81,7 +81,7 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
 
 
 def remaining_regularity(problem: Problem, t: Sequence[float], y: FloatArray) -> list[Singular | None]:
-    """Return how close k states of a run with constraints are to dependent constraints or a singular mass matrix.
+    """Return the nearness of k states of a run to dependent constraints or to a singular mass matrix.
 
     `t` are k times, and y (2n, k) the states there. A result has the most dependent rows of the constraint gradients G,
     or the velocities with the least inertia. Its `regularity` is the least singular value of G or of the mass matrix M,

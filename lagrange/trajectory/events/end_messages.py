@@ -115,8 +115,8 @@ def without_value(
 ) -> EventResult:
     """Return the end of a run at a point after which the watched function `name` has no value, or no Taylor series.
 
-    `value` is the value of the function there, and `lack` says what is missing. `smooth` is True for a switching
-    surface, since the motion may continue although the series of the surface ends.
+    `value` is the value of the function there, and `lack` the clause on the missing value or series. `smooth` is True
+    for a switching surface, since the motion may continue although the series of the surface ends.
     """
     return EventResult(
         Status.NON_FINITE,
