@@ -47,7 +47,7 @@ class Varied:
 
     @cached_property
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
-        """The independent axes by name: for a grid its keys with their values, else one axis of member indices."""
+        """The axes by name: the keys of a grid with their values, else "member" with all indices of members."""
         if self.crossed:
             return {label_of(key): values for key, values in self.stated.items()}
         return {"member": np.arange(len(next(iter(self.stated.values()))))}

@@ -50,7 +50,7 @@ from lagrange.trajectory.slow_runs import Pace, compiled_late, limiting_entry
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SECONDS_PER_CALL = 0.02
-"""Seconds of steps between two checks of the clock, the step limit and Ctrl-C."""
+"""Duration in seconds of the steps between two checks of the clock, of the step limit and of Ctrl-C."""
 
 FIRST_STEPS_PER_CALL, MOST_STEPS_PER_CALL = 64, 16384
 """Smallest and largest number of steps in a driver call. The smallest is for slow steps. The largest bounds the memory

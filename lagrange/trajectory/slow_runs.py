@@ -76,8 +76,8 @@ take 2 ms."""
 
 LONG_APPROACH, NEARER = 2**19, 0.75
 """A slow run with constraints ends as singular if three conditions hold: the run has taken the first number of trial
-steps, its regularity is below `NEARLY_DEPENDENT`, and the regularity is below the second number times that of the last
-test. A run that only passes near a singular state needs fewer steps."""
+steps, its regularity is below `NEARLY_DEPENDENT`, and the regularity is below the second number times the regularity at
+the last test. A run that only passes near a singular state needs fewer steps."""
 
 
 class Pace:

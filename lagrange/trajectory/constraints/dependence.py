@@ -111,7 +111,7 @@ def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: Floa
 def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
     """Raise StatementError if a state y (2n,) has no accelerations because its constraints are dependent.
 
-    They must also be dependent at all nearby states that satisfy the constraints.
+    The error is raised only if they are dependent also at all nearby states that satisfy the constraints.
     """
     dependent = dependence_around(model, t, y, parameters)
     if dependent is not None:

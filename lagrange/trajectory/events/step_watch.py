@@ -380,7 +380,10 @@ class StepWatch(EventLog):
                 self.occurrences[zero.which].append(sample.t + s * sample.h, sample.state(s), steps_before + 1)
 
     def _jump(self, zeros: Sequence[EventZero], all_zeros: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Reset the state by the events in `zeros`, and start a new motion. `all_zeros` has all zeros at this time."""
+        """Reset the state by the events in `zeros`, after which steps start anew.
+
+        `all_zeros` has all zeros at this time.
+        """
         before, model = state.y.copy(), self.problem.model
         values = self.kernel(state.t, before, self.parameters)
         resets = {self.events[zero.which]: zero.which for zero in zeros}
