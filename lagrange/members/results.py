@@ -301,7 +301,7 @@ class SampledRun:
         if not (isinstance(begin, np.ndarray) and begin.ndim == 2):
             return begin
         points = np.repeat(begin[:, low:high, None], len(lobatto()[0]), axis=2)
-        # The parameters at the end of a step are those before an event there; those of a reset are the ones after it.
+        # A step ends with the parameters before an event at its end. A reset ends with the parameters after the event.
         resets = low + np.flatnonzero(np.diff(self.run.t[low : high + 1]) == 0)
         points[:, resets - low, -1] = begin[:, resets + 1]
         return points.reshape(len(begin), -1)

@@ -185,7 +185,7 @@ class RunEngine:
         statement, names = self.model.statement, self.model.layout.names()
         values = dict(zip(statement.parameters, start.parameters[0].tolist(), strict=True))
         initial = dict(zip(names, start.states[0].tolist(), strict=True))
-        # Reductions need all steps; so do the last state and the drift of the energy without output times.
+        # Reductions need all steps. Without output times the last state and the energy drift need them, too.
         keep, times = self.keep, np.array(self.span[1:]) if self.times is None else self.times
         whole = keep.reductions or (self.times is None and (keep.end or keep.drift))
         options = self.options._replace(parameters=values, t_eval=None if whole else times)

@@ -368,7 +368,7 @@ def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -
     if isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None:
         t, y = trajectory.t, trajectory.y
     else:
-        # The outputs, and the midpoints between impacts.
+        # Test the states at the outputs, and at the midpoints between impacts.
         impacts = np.sort(forward * np.concatenate([trajectory.t_events[i] for i in contacts]))
         t = forward * np.sort(np.concatenate([forward * trajectory.t, (impacts[1:] + impacts[:-1]) / 2]))
         y = trajectory.dense(t)
@@ -381,10 +381,10 @@ def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -
         free = -problem.events[i].direction * g[rows] > 0
         counts = np.searchsorted(forward * trajectory.t_events[i], forward * t[rows])
         if len(rows) and rows[0] > 0:
-            # A contact that starts at zero is on its free side.
+            # A contact that starts at zero counts as open.
             free, counts = np.append(True, free), np.append(0, counts)
         acts, passes = np.diff(counts), free[:-1] & ~free[1:]
-        # A reset that intentionally lets the motion through acts once for each passage.
+        # A reset that intentionally lets bodies pass acts once for each passage.
         if passes.any() and acts[free[:-1]].sum() > passes.sum():
             return i
     return None

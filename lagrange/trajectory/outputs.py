@@ -118,7 +118,7 @@ class AcceptedStates:
         free_rows = int(limit - self.bytes) // self._each
         if free_rows > 0 or not self.outputs_alone:
             return free_rows
-        # The largest size of each entry is remembered, and the last state.
+        # Keep the largest size of each entry, and the last state.
         self._sizes, last = self._largest(), self.parts[-1]
         self.removed += len(self.parts) - 1
         self.parts = [last._replace(times=last.times[-1:].copy(), states=last.states[-1:].copy())]
@@ -182,7 +182,7 @@ class FollowedSteps:
         break_rows = rows[rows < first + len(times)] - first
         begins, lasts = np.append(0, break_rows + 1), np.append(break_rows, len(times) - 1)
         until = np.searchsorted(self._rising, self._forward * times[lasts])
-        # The smooth pieces that contain output times.
+        # Evaluate the smooth pieces that contain output times.
         for motion in np.flatnonzero(np.diff(until, prepend=self._done) > 0).tolist():
             begin, end = int(begins[motion]), int(lasts[motion])
             if motion == len(break_rows) and not last:
@@ -192,7 +192,7 @@ class FollowedSteps:
                 t, y = np.append(t[:-1], ends[motion]), np.concatenate([y[:-1], whole[motion][None]])
             if len(t) > 1:
                 self._write(t, y, float(times[end]))
-        # The present smooth piece goes on: the next call needs its last two rows again.
+        # The present smooth piece continues: the next call needs its last two rows again.
         t, y = times[begins[-1] :], states[begins[-1] :]
         keep = min(1, len(t)) if last else min(2, len(t))
         if not last and len(t) > 2:

@@ -226,7 +226,7 @@ def prepared(method: Planned, problem: Problem) -> PreparedPlan:
     if not isinstance(problem, Problem):
         return PreparedPlan(method.plan(problem))
     options = problem.rtol, problem.atol, problem.step
-    # Other values cannot be part of the key, since 0.0 and -0.0 would be equal.
+    # Zeros and other types cannot be part of the key, since 0.0 and -0.0 are equal.
     if not all(option is None or (isinstance(option, float) and option > 0.0) for option in options):
         return PreparedPlan(method.plan(problem))
     watched = (problem.events,) if problem.events else ()

@@ -102,10 +102,10 @@ class Flow:
         )
         self._problem = unit
         plan = self._integrator.plan(unit) if isinstance(self._integrator, Planned) else None
-        # Events, switching surfaces and discontinuous constraints require a whole run: then each call is a run.
+        # With events, switching surfaces or discontinuous constraints each call of the flow is a complete run.
         handled = plan is None or plan.watched or bool(model.statement.contacts) or may_be_discontinuous(model)
         self._plan: Plan | None = None if handled else plan
-        # Equal steps are not shortened towards a crossing of motions, and runs do not search for one either.
+        # Equal steps are not shortened near dependent constraints, so runs with equal steps do not search for them.
         self._rtol = 0.0 if plan is None or not self._constrained else plan.tolerances.rtol
 
     def __repr__(self) -> str:
@@ -481,7 +481,7 @@ def trajectory_of(
         trajectory = run_in_segments(problem, partial(_run, integrator))
     else:
         trajectory = _run(integrator, problem)
-    # Tested for the whole run, because over a short segment all coordinates change only by rounding.
+    # Test the whole run, because over a short segment all coordinates change only by rounding.
     trajectory = with_resolution(problem, trajectory)
     if start is not stated_start:
         trajectory = replace(trajectory, message=f"{trajectory.message}{moved_sentence(model, stated_start, start)}")

@@ -96,8 +96,8 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
     state and the parameters before the event.
     """
     # Each segment has the same event objects, so that methods prepare them once.
-    # A reset is kept, because an event with a direction and a reset is a contact. With constraints it is left out: the
-    # state after it has to satisfy the constraints with the new parameters.
+    # Events keep their resets, since an event with a direction and a reset is a contact. With constraints the reset is
+    # left out, because the state after it has to satisfy the constraints with the new parameters.
     constrained = bool(problem.model.equations.constraints)
     ending = tuple(
         Event(event.expression, event.direction, 1, {} if constrained else event.reset) if event.settings else event

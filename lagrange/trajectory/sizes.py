@@ -93,7 +93,7 @@ def entry_sizes(
     known_q, known_v = layout.split(np.abs(y))
 
     def own_sizes(force: FloatArray, period: float) -> FloatArray:
-        # A velocity has its value, or its change by the acceleration during the period; a coordinate likewise.
+        # The size of a velocity is its value, or its change during the period if that is larger; a coordinate likewise.
         v = np.maximum(known_v, period * force)
         return np.concatenate([np.maximum(known_q, period * v), v])
 
@@ -310,7 +310,7 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     if not state.y.any():
         times += [t + left * 2.0**-k for k in range(REST_HALVINGS)]
     force_points = [(when, state.y) for when in times]
-    # An entry at rest may be pushed by an entry that reaches it in the step.
+    # A body at rest may be pushed by a body that reaches it during the step.
     force_points += [(t + part * drift, state.y + part * drift * slope) for part in DRIFT_STEPS]
     sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, force_points)
     unknown = state.floors <= np.maximum(LEAST_FLOOR, share * SLOPE_NOISE * np.maximum(coupled, sizes))

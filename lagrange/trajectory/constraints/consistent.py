@@ -162,7 +162,7 @@ def violation(
             "that is not stated: end it before by an event, or write the constraint smoothly."
         )
     name, share = residuals.worst(t, y, parameters)
-    # All terms may be rounding errors, for example those of a pendulum that hangs straight down and spins.
+    # All terms may be rounding errors, for example if a pendulum hangs straight down and spins.
     at = Projection(model, t, parameters)
     if share <= LARGEST_VIOLATION or at.share(y) <= LARGEST_VIOLATION:
         return ""

@@ -157,7 +157,7 @@ def dependent_passage(
     count = len(times) - 1 - FIRST_STEPS
     if count < 2 or not rtol:
         return None
-    # The last step is ignored too: its length is only what remains of the run.
+    # The last step is ignored too: its length is only the remaining time of the run.
     sizes = np.abs(times[FIRST_STEPS + 1 : -1] - times[FIRST_STEPS:-2])
     if count < MANY_STEPS and sizes.min() * count > SHORT_STEP * abs(times[-1] - times[FIRST_STEPS]):
         return None

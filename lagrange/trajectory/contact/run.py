@@ -313,7 +313,7 @@ class _ContactRun:
         part = self.part
         part = self.part = with_fields(part, t_events=part.t_events[:users], y_events=part.y_events[:users])
         if friction is not None and not part.status.complete:
-            # The message must name coordinates of the system only.
+            # The message must not name the additional coordinate of the friction model.
             at_end = part.status, self.problem, part.span[1], last_state(part)
             self.part = replace(part, message=message(*at_end, part.method, rtol=part.rtol))
         return changes
@@ -477,7 +477,7 @@ class _ContactRun:
             for _ in range(STEPS_OUTSIDE):
                 if not np.isfinite(touch.responses).all():
                     break
-                # Tangents at y, followed back to the given state. Whole steps overshoot where gaps are curved.
+                # Linearize gaps at y, and evaluate them at the given state. Full steps overshoot where gaps are curved.
                 back = touch.directions[kin.normals] @ (problem.y0 - y)[layout.q]
                 whole = kin.closed(replace(touch, y=problem.y0, gaps=touch.gaps + back, before=touch), active)
                 y = whole if np.allclose(whole, y, rtol=0, atol=SHORTEST_STEP) else (y + whole) / 2

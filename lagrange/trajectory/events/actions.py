@@ -112,7 +112,7 @@ def reset_state(
     if first.model is None or not first.constrained:
         return after, EventResult()
     are_zero = residuals_of(first.model).are_zero
-    # Velocities without inertia that no reset sets follow from the equations.
+    # Velocities of coordinates without inertia follow from the equations unless a reset sets them.
     named = [row for event in resets for row in event.rows]
     left = [row for row in first.model.equations.following if row not in named]
     if not left and are_zero(t, before, parameters) and are_zero(t, after, parameters):

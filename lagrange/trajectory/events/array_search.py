@@ -261,7 +261,7 @@ def trace(
             final = last and piece.start + piece.width == 1.0
             zeros, before = roots(piece.coefficients, 1.0, before, noise=piece.noise, last=final, isolate=isolate)
             begins = starting and piece.start == 0
-            # A change of sign at a start far from zero is a jump.
+            # A change of sign at the start of a part is a jump if the polynomial there is far from zero.
             sizes = np.abs(piece.coefficients)
             starts_clear = not begins and bool(sizes[0] > JUMP * sizes.sum())
             for root in zeros:

@@ -54,7 +54,7 @@ class WatchedEvents:
         kernel = model.function("events", tuple(event.node for event in events))
         memory = StepEventMemory(len(problem.y0), [event.reaction for event in events])
         checked = any(event.constrained for event in events)
-        # No reset can make the inertia of an uncoupled coordinate zero if it is constant.
+        # If the inertia of an uncoupled coordinate is constant, no reset can make it zero.
         alone = [block[0] for block in model.equations.plan.blocks if len(block) == 1]
         constant = all(model.equations.mass[i][i].binding <= Binding.PARAMETER for i in alone)
         memory.run.resets = int(constant and not checked)

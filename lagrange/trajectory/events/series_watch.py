@@ -245,7 +245,7 @@ class SeriesWatch(EventLog):
                 self.zero_sides[zero.which] = Side(1)
                 continue
             self.zero_sides[zero.which] = Side(after)
-            # The step may have ended after the zero: then its direction gives the side before.
+            # If the step ended after the zero, the direction of the zero determines the side before it.
             side = -zero.root.rising or before[zero.which].sign
             events.append(replace(zero, root=Root(zero.root.time, after if after != side else 0)))
         return events
@@ -426,7 +426,7 @@ class SeriesWatch(EventLog):
         """Read the occurrences of events, and the crossings of surfaces, from the memory of the compiled loop."""
         memory = self.memory
         if memory.record.done:
-            # Ctrl-C may come anywhere here. The mark prevents adding occurrences twice.
+            # Ctrl-C may interrupt the next lines. The mark prevents adding occurrences twice.
             steps, mark = state.count(DriverState.STEPS), memory.mark
             for occurrences, (times, states) in zip(self.occurrences, memory.written()[self.surfaces :], strict=True):
                 state.kept += times.nbytes + states.nbytes

@@ -190,7 +190,7 @@ class StepWatch(EventLog):
         self.collect()
         if run.jumps > self.jumps:
             self.jumps, self.changed, self._changed_at = int(run.jumps), float(run.changed), int(run.changed_at)
-            # An event that is zero at the start has 2 plus the direction in which zero was reached.
+            # The code of an event that is zero at the start is 2 plus the direction in which it reached zero.
             zeros = {i: way - 2 for i, way in enumerate(memory.arrivals.tolist()) if way not in (UNKNOWN, IGNORED)}
             self.change_counter.begin(self.changed, next(iter(zeros), 0))
             self._intervals.begin(float(run.interval))
@@ -402,7 +402,7 @@ class StepWatch(EventLog):
         if through is not None:
             return unresolved(self.names()[through.which])
         state.y[:] = after
-        # Events that occurred here before, or rest, still count as zero, but may occur again.
+        # Events that occurred at this time before, or stay zero, still count as zero, but may occur again.
         earlier = {i: abs(float(values[i])) for i in self._resting if self.events[i].contact}
         earlier |= self._zero_sizes if self.jumps and state.t == self.changed else {}
         self.jumps += 1

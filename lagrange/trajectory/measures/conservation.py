@@ -68,7 +68,7 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
         share = min(share, LOSS_WITH_CONTROL * math.sqrt(trajectory.rtol))
     change, small = abs(after - before), min(share, SMALL_CHANGE)
     with np.errstate(all="ignore"):
-        # Cheap tests come first. The change may be small relative to kinetic energies, or rounding.
+        # Cheap tests come first: whether the change is small relative to kinetic energies, or is rounding.
         if math.isfinite(after):
             momenta = quickly(model.kernel("momenta"), problem.parameter_array, problem.t0, end)
             if (

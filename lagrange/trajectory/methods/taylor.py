@@ -167,7 +167,7 @@ def watched_names(problem: Problem) -> list[str]:
     _, switched = model.series((*events, *square_roots))
     surfaces = [model.equations.express(surface) for surface in switched.expressions]
     shown = [*surfaces, *(event.expression for event in problem.events)]
-    # SymPy would print sqrt(x**2) as Abs(x), the form that the message recommends.
+    # Do not print by SymPy, which simplifies sqrt(x**2) to Abs(x), the form that the message recommends.
     bases = [model.equations.express(power.args[0]) for power in square_roots.values()]
     names = [*map(model.statement.quote, (*shown, *bases))]
     for place, power in enumerate(square_roots.values(), len(shown)):
