@@ -21,8 +21,8 @@ from lagrange.trajectory.paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
 WORTH_COMPILING = 512
-"""The loop is compiled if a run is expected to have at least this number of steps. Compiling takes 0.5 s, once per process.
-That is as long as searching 10,000 to 40,000 steps on arrays, but later runs with events are 20 to 100 times as fast."""
+"""The loop is compiled if a run is expected to have at least this number of steps. Compiling takes 0.5 s once per
+process, as long as searching 10,000 to 40,000 steps on arrays. Later runs with events are 20 to 100 times as fast."""
 
 ENOUGH = 16
 """Smallest number of steps from which the length of a run is estimated, because the first steps are short."""
