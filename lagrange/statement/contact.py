@@ -1,4 +1,4 @@
-"""Contacts between bodies: a gap that stays positive, the slip of the surfaces, restitution and Coulomb friction."""
+"""Statement of contacts between bodies: gap, slip, restitution, friction, and the checks of these expressions."""
 
 from __future__ import annotations
 
@@ -16,25 +16,27 @@ from lagrange.statement.expression import expression, one_of, vector
 from lagrange.statement.parameters import Survey, table_of
 
 NEWTON, SEQUENCE = LAWS = ("newton", "sequence")
-"""Laws of simultaneous impacts: Newton's law for all contacts at once, or one contact after the other."""
+"""Laws for impacts of several contacts at one instant: Newton's law of restitution for all contacts together, or the
+contacts one after the other."""
 
-LARGEST_FRICTION = 1e100  # Largest coefficient of friction: the squares of forces stay finite
+LARGEST_FRICTION = 1e100  # Largest coefficient of friction, so that squares of forces do not overflow
 
 impact_speed = sympy.Symbol("impact_speed", real=True, nonnegative=True)
-"""The speed -dgap/dt before an impact, for a restitution that depends on it."""
+"""Symbol of the speed -dgap/dt just before an impact, for a restitution that depends on this speed."""
 
 along = sympy.Symbol("along", real=True)
-"""Parameter that runs along a drawn surface, from 0 at its start to 1 at its end: the surface from (0, 0) to (2, 1) is
-(2*along, along)."""
+"""Parameter of a drawn surface: 0 at its start and 1 at its end. The surface from (0, 0) to (2, 1) is (2*along,
+along)."""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """A contact of two bodies, which do not overlap: `gap` >= 0.
+    """Contact of two bodies. All its fields but `name` are SymPy expressions.
 
-    `slip` has the components of the relative velocity along the surface: none without friction, one in a plane, two in
-    space. `restitution` is the speed dgap/dt after an impact over the speed before it, between 0 and 1. `friction` has
-    the static and the kinetic coefficient of Coulomb's law.
+    `gap` is the distance of the surfaces, which stays zero or positive. `slip` has the components of the relative
+    velocity along the surface: none without friction, one in a plane, two in space. `restitution` is the speed dgap/dt
+    after an impact divided by the speed -dgap/dt before it, between 0 and 1. `friction` has the static and the kinetic
+    coefficient of Coulomb's law. `name` is the key of the contact in the table of contacts.
     """
 
     gap: Any
@@ -64,19 +66,19 @@ class Contact:
 
     @property
     def slip_names(self) -> tuple[str, ...]:
-        """Names of the velocity constraints slip = 0 of a contact that sticks."""
+        """Names of the constraints slip = 0 that hold while the contact sticks, one for each component of the slip."""
         if len(self.slip) == 1:
             return (f"{self.name}_slip",)
         return tuple(f"{self.name}_slip_{i}" for i in range(1, len(self.slip) + 1))
 
     @property
     def normal(self) -> Any:
-        """Symbol of the normal force, the multiplier of gap = 0."""
+        """Symbol of the normal force, which is the multiplier of the constraint gap = 0."""
         return multiplier(self.name)
 
     @property
     def slip_speed(self) -> Any:
-        """Size of the relative velocity along the surface."""
+        """Expression of the magnitude of the relative velocity along the surface."""
         return sympy.sqrt(sympy.Add(*(slip**2 for slip in self.slip)))
 
     @property
@@ -93,12 +95,12 @@ class Contact:
 def contact(gap: Any, slip: Any = None, restitution: Any = 0, friction: Any = 0) -> Contact:
     """Return a contact for `contacts={"floor": ...}` of a System.
 
-    `gap` is an expression in coordinates and t: the distance of two surfaces, which stays positive or zero. `slip` is
-    the relative velocity of the surfaces along each other, one expression, or two perpendicular ones in space. Without
-    it the contact has no friction. `restitution` is a number, a parameter, or an expression in parameters and
+    `gap` is the distance of two surfaces, an expression in coordinates and t. It stays positive or zero. `slip` is the
+    relative velocity of the surfaces along each other: one expression, or two perpendicular ones in space. Without
+    `slip` the contact has no friction. `restitution` is a number, a parameter, or an expression in parameters and
     `lagrange.impact_speed`. `friction` is the coefficient of friction, or a pair of the static and the kinetic one.
 
-    Raises StatementError for anything else.
+    Raises StatementError for other types, for numbers that are out of range, and for friction without `slip`.
     """
     components = () if slip is None else tuple(slip) if isinstance(slip, (tuple, list, sympy.MatrixBase)) else (slip,)
     if len(components) > 2:
@@ -121,10 +123,11 @@ def contact(gap: Any, slip: Any = None, restitution: Any = 0, friction: Any = 0)
 
 
 def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str, Contact]:
-    """Return a contact without friction for each pair of balls, by names such as "a_b", for `contacts=` of a System.
+    """Return frictionless contacts between all pairs of balls, as a dict by name for `contacts=` of a System.
 
-    `balls` maps the name of each ball to its centre: (x, y), (x, y, z), or one coordinate if all balls are in a row.
-    Balls in a row are listed in their order. `radius` is one radius for all balls, or a dict by name.
+    The contact of the balls "a" and "b" is named "a_b". `balls` maps the name of each ball to its centre: (x, y), (x,
+    y, z), or one coordinate if all balls are in a row. Balls in a row are listed in their order. `radius` is one radius
+    for all balls, or a dict by name. `restitution` is the same for all contacts.
 
     Raises StatementError for fewer than two balls, for centres of different dimensions, for names that are not
     identifiers, and for two pairs with the same name.
@@ -159,11 +162,12 @@ def gap(name: str) -> Any:
 
 
 def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints: tuple[Any, ...]) -> dict[str, Any]:
-    """Return the fields `contacts` and `simultaneous` of a Statement, checked.
+    """Check the contacts of a system, and return the fields `contacts` and `simultaneous` of its Statement by name.
 
-    `table` maps names to contacts. `simultaneous` is the law for impacts of several contacts at one instant, a word
-    of `LAWS`, or None. The symbols and functions of the contacts are added to `survey`. Raises StatementError for a gap
-    without coordinates, a slip that is not linear in velocities, and a name that is taken.
+    `table` maps names to contacts. `simultaneous` is the law for impacts of several contacts at one instant, a word of
+    `LAWS`, or None. The symbols and functions of the contacts are added to `survey`. `constraints` are those of the
+    statement. Raises StatementError for a gap without coordinates, a slip that is not linear in velocities, and the
+    name of a constraint.
     """
     contacts, taken = [], [constraint.name for constraint in constraints]
     for key, stated in table_of(table, "contacts", "name to lg.contact(...)").items():
@@ -186,7 +190,7 @@ def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints:
 
 
 def _check(stated: Contact, survey: Survey) -> None:
-    """Raise StatementError for a contact with an unusable part. The symbols of the contact are added to `survey`."""
+    """Raise StatementError for symbols that an expression of a contact must not have; add the others to `survey`."""
     what = f"the gap of the contact {stated.name!r}"
     leaves = Survey()
     leaves.add(stated.gap, what)

@@ -1,4 +1,4 @@
-"""Coordinates, parameters, time and multipliers as SymPy objects: names, reserved names, order of declaration."""
+"""Coordinates, velocities, parameters and multipliers as SymPy symbols: how they are created, named and ordered."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lagrange.statement.vocabulary.letters import NAME
 
 
 class DeclaredOrder:
-    """Register of the calls that declared coordinates or parameters. It determines their order in a statement.
+    """Register of the calls that declared coordinates or parameters, from which their order in a statement follows.
 
     `of` searches back for the latest calls that together declare all names of the statement, and takes their order.
     Earlier declarations have no effect. So a program that declares its names gets the same order, whatever other
@@ -29,13 +29,13 @@ class DeclaredOrder:
 
     def __init__(self) -> None:
         self.calls: dict[int, tuple[str, ...]] = {}
-        """Names by the number of the call. Calls whose names were all declared again later are left out."""
+        """Names by number of the call. A call is deleted when all its names were declared again later."""
         self._latest: dict[str, int] = {}
         self._numbers = count()
         self._lock = Lock()
 
     def declare(self, names: Sequence[str]) -> None:
-        """Record the names that one call declares, in the order of the call."""
+        """Record the names that one call of the user declares, in the order of the call."""
         with self._lock:
             number = next(self._numbers)
             earlier = {self._latest[name] for name in names if name in self._latest}
@@ -46,9 +46,10 @@ class DeclaredOrder:
                     del self.calls[call]
 
     def of(self, leaves: Iterable[tuple[str, Any]]) -> list[Any]:
-        """Return the symbols of `leaves` in the order of their declaration, then the undeclared ones as given.
+        """Return the symbols of `leaves` in the order of their declaration, followed by the undeclared symbols.
 
-        `leaves` are pairs (name, symbol), where a symbol is a coordinate or a parameter.
+        `leaves` are pairs (name, symbol), where a symbol is a coordinate or a parameter. Undeclared symbols keep the
+        order of `leaves`.
         """
         pairs = list(leaves)
         names = {name for name, _ in pairs}
@@ -66,17 +67,17 @@ COORDINATES, PARAMETERS = DeclaredOrder(), DeclaredOrder()
 t = Symbol("t")  # Time; the same symbol as SymPy's ``dynamicsymbols._t``
 
 PREDEFINED = {t.name: "time", "pi": "a constant"}
-"""Names with a fixed meaning in every statement, and this meaning as the words of a message."""
+"""Names with a fixed meaning in every statement, and the words for this meaning in messages."""
 
 MOST_LETTERS = 10_000
-"""Largest number of letters of an expression as the label of a row: enough that the labels of two expressions
-differ."""
+"""Largest length of an expression that labels a row of a table, in characters. Labels of two expressions differ, since
+few expressions are longer."""
 
 
 def check_name(name: str, what: str) -> str:
-    """Return `name`. Raises StatementError unless it is a letter, then letters, digits or underscores, at most 64.
+    """Return `name`. Raises StatementError unless it is a letter, then letters, digits or underscores, 64 at most.
 
-    `what` is the kind of the named object in the message, such as "coordinate".
+    `what` is the kind of the named object for the message, such as "coordinate".
     """
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise StatementError(
@@ -87,9 +88,9 @@ def check_name(name: str, what: str) -> str:
 
 
 def check_symbol(name: str, what: str) -> str:
-    """Return `name`, of a coordinate or parameter. Raises StatementError for a word of Python or of scene files.
+    """Return `name` of a coordinate or parameter. Raises StatementError for a word of Python or of scene files.
 
-    `what` is the kind of the named object in the message, such as "coordinate".
+    `what` is the kind of the named object for the message, such as "coordinate".
     """
     meaning = PREDEFINED.get(check_name(name, what), "a function" if name in FUNCTION_NAMES else "")
     if not meaning and keyword.iskeyword(name):
@@ -104,9 +105,9 @@ def check_symbol(name: str, what: str) -> str:
 def coordinate(name: str) -> Any:
     """Return the generalized coordinate `name`, a SymPy expression such as theta(t).
 
-    It equals SymPy's ``dynamicsymbols`` of the same name. Its velocity is ``.dot``, its acceleration ``.ddot``. Raises
-    StatementError for a name that is not an identifier, or that has another meaning: ``t``, ``pi``, ``sin``,
-    ``lambda``.
+    It equals the result of SymPy's ``dynamicsymbols`` for the same name. The attribute ``.dot`` is its velocity and
+    ``.ddot`` its acceleration. Raises StatementError for a name that is not an identifier, or that has another meaning,
+    such as ``t``, ``pi``, ``sin`` or ``lambda``.
     """
     symbol = coordinate_of(name)
     COORDINATES.declare([name])
@@ -114,7 +115,7 @@ def coordinate(name: str) -> Any:
 
 
 def coordinate_of(name: str) -> Any:
-    """Return the coordinate `name` as `coordinate` does, but do not record it in the order of declaration."""
+    """Return the coordinate `name`, without recording it in the order of declaration. Same errors as `coordinate`."""
     check_symbol(name, "coordinate")
     if name not in _DECLARED:
         _DECLARED[name] = function_of_time(name)
@@ -122,12 +123,12 @@ def coordinate_of(name: str) -> Any:
 
 
 def declared(coordinate: Any) -> bool:
-    """Return True if this coordinate, or one of the same name, was made by this module."""
+    """Return True if `coordinate`, or another coordinate of the same name, was created by this module."""
     return name_of(coordinate) in _DECLARED or rotation_name(coordinate) is not None
 
 
 def is_ours(function: Any) -> bool:
-    """Return True if a function of time was made by this module, and not by SymPy."""
+    """Return True if this module created a function of time, False for one of SymPy without the attribute `ddot`."""
     return "ddot" in type(function).__dict__
 
 
@@ -135,9 +136,10 @@ _DECLARED: dict[str, Any] = {}  # Coordinates made so far, by name
 
 
 def function_of_time(name: str, marks: Mapping[str, Any] | None = None) -> Any:
-    """Return the function of time `name`, with its derivatives as attributes.
+    """Return the SymPy function of time `name`, such as theta(t), with its derivatives as attributes `dot` and `ddot`.
 
-    `marks` are further attributes, {attribute: value}. SymPy treats functions with different marks as different.
+    `marks` are further attributes of its class, {attribute: value}. SymPy treats functions with different marks as
+    different.
 
     SymPy caches functions: for name(t) it may return an equal function without these attributes, such as one of
     `dynamicsymbols`. So this function, and each one that SymPy rebuilds from it, is made without the cache.
@@ -148,27 +150,28 @@ def function_of_time(name: str, marks: Mapping[str, Any] | None = None) -> Any:
     return UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand, **(marks or {}))(t)
 
 
-ROTATION = "rotation"  # Attribute of the coordinates of a rotation, with its name
+ROTATION = "rotation"  # Attribute of the four coordinates of a rotation: the rotation's name
 
 
 RATE = "rate"
-"""Attribute of a quasi-coordinate, a function of time of which only the rate is defined; holds this rate."""
+"""Attribute of a quasi-coordinate, which is a function of time that has a rate but no value. It holds the rate."""
 
 
 def rotation_name(coordinate: Any) -> str | None:
-    """Return the name of the rotation whose quaternion contains a coordinate, or None."""
+    """Return the name of the rotation whose quaternion has `coordinate` as an entry, or None for other coordinates."""
     return getattr(coordinate.func, ROTATION, None)
 
 
 _NUMPY = {name: name for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh", "sign", "sinc")}
 _NUMPY |= {f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
-"""Functions of NumPy and their names in SymPy. For an unknown object NumPy calls its method of the same name."""
+"""Functions of NumPy, with SymPy's name of each. NumPy calls the method of this name of an object that is not a
+number."""
 
 
 def _refusing(numpy: str, ours: str) -> Callable[[Any], NoReturn]:
     """Return a method that refuses the NumPy function `numpy` for a coordinate and recommends SymPy's `ours`.
 
-    NumPy calls the method of the same name of each object in an array. This one raises StatementError.
+    NumPy calls the method of the same name of each object in an array. The returned method raises StatementError.
     """
 
     def refuse(self: Any) -> NoReturn:
@@ -182,7 +185,7 @@ def _refusing(numpy: str, ours: str) -> Callable[[Any], NoReturn]:
 
 
 def coordinates(names: str) -> Any:
-    """Return the coordinates named in a text such as ``"x y"``: a tuple, or one coordinate for one name.
+    """Return the coordinates whose names are in a text such as ``"x y"``: a tuple, or one coordinate for one name.
 
     Raises StatementError for a name that `coordinate` refuses.
     """
@@ -193,10 +196,10 @@ def coordinates(names: str) -> Any:
 
 
 def parameters(names: str, *, positive: bool = True) -> Any:
-    """Return the parameters named in a text such as ``"m g l"``: real symbols, positive by default.
+    """Return the parameters whose names are in a text such as ``"m g l"``: real symbols, which are positive by default.
 
-    One name gives one symbol, several give a tuple. Raises StatementError for a name that is not an identifier, or that
-    already has a meaning.
+    With `positive=False` the symbols have no assumed sign. One name gives one symbol, several names a tuple. Raises
+    StatementError for a name that is not an identifier, or that already has a meaning.
     """
     symbols = []
     positive, labels = flag(positive, "positive"), _names(names, "parameter")
@@ -208,24 +211,24 @@ def parameters(names: str, *, positive: bool = True) -> Any:
 
 
 def velocity_of(coordinate: Any) -> Any:
-    """Return dq/dt of a function of time, also of one made by ``dynamicsymbols``; for a quasi-coordinate its rate."""
+    """Return dq/dt of a function of time `coordinate`. For a quasi-coordinate it is its rate."""
     return getattr(coordinate.func, RATE, None) or _derivative(coordinate)
 
 
 @lru_cache(maxsize=4096)
 def _derivative(coordinate: Any) -> Any:
-    """Return the derivative of a function of time by time. Cached: SymPy takes 40 us for each."""
+    """Return the derivative of a function of time by time. The result is cached, since SymPy takes 40 us for each."""
     return Derivative(coordinate, t)
 
 
 def acceleration_of(coordinate: Any) -> Any:
-    """Return d2q/dt2 of any function of time."""
+    """Return d2q/dt2 of a function of time `coordinate`. For a quasi-coordinate it is the derivative of its rate."""
     rate = getattr(coordinate.func, RATE, None)
     return Derivative(coordinate, (t, 2)) if rate is None else Derivative(rate, t)
 
 
 def name_of(coordinate: Any) -> str:
-    """Return the plain name of a coordinate: ``theta`` for theta(t)."""
+    """Return the name of a function of time as a str, such as ``theta`` for theta(t)."""
     return str(coordinate.func.__name__)
 
 
@@ -242,7 +245,7 @@ def _names(text: str, what: str) -> list[str]:
 def row_label(key: Any) -> str:
     """Return the label of a quantity's row in a table: ``theta`` for theta(t), ``theta_dot`` for its derivative.
 
-    Any other `key` is returned as text.
+    Any other SymPy expression or object `key` is returned as text.
     """
     if isinstance(key, Derivative) and isinstance(key.expr, AppliedUndef) and key == velocity_of(key.expr):
         return f"{name_of(key.expr)}_dot"
@@ -257,10 +260,10 @@ _OPENING, _CLOSING = "lambda[", "]"
 
 
 def multiplier(name: str) -> Any:
-    """Return the multiplier of the constraint `name`, for forces, events and `solution.evaluate`.
+    """Return the symbol of the multiplier of the constraint `name`, for forces, events and `solution.evaluate`.
 
-    It is the factor lambda of the generalized forces lambda dphi/dq that the constraint phi = 0 exerts. As a SymPy
-    symbol it prints as lambda[name]. Raises StatementError for a name that is not an identifier.
+    The multiplier is the factor lambda of the generalized forces lambda dphi/dq that the constraint phi = 0 exerts. The
+    symbol prints as lambda[name]. Raises StatementError for a name that is not an identifier.
     """
     return Symbol(f"{_OPENING}{check_name(name, 'constraint')}{_CLOSING}", real=True)
 
@@ -278,8 +281,9 @@ def check_multipliers(
 ) -> None:
     """Raise StatementError if an expression has multipliers of constraints that the system does not have.
 
-    `names` are the constraints whose multipliers the expression has, and `constraints` are those of the system. The
-    texts `expression` and `system` name the two in the message, and `kind` is its word for a constraint.
+    `names` are the names of the constraints whose multipliers the expression has, and `constraints` the names of the
+    system's constraints. For the message, `expression` and `system` are texts that name the two, and `kind` is the word
+    for a constraint.
     """
     for name in names:
         if name not in constraints:

@@ -1,4 +1,4 @@
-"""Build a `Statement` from the arguments of `lagrange.System`. Arguments without a meaning raise StatementError."""
+"""Check the arguments of `lagrange.System` and build a `Statement` from them: energies, forces, constraints, points."""
 
 from __future__ import annotations
 
@@ -70,10 +70,10 @@ from lagrange.statement.statement import EDGE, KINDS, REDUNDANT, REFUSE, Constra
 from lagrange.statement.units.dimension_check import with_dimensions
 from lagrange.statement.vocabulary.letters import NAME
 
-ORIGIN = "origin"  # Name of the point at zero. Links may name it; no position may redefine it.
+ORIGIN = "origin"  # Name of the point (0, 0, 0), at which links may begin or end; a position must not have this name
 
 ENERGIES = {"lagrangian": "the Lagrangian", "kinetic": "the kinetic energy", "potential": "the potential energy"}
-"""Arguments of energies, with their names in messages."""
+"""Arguments of `lagrange.System` that are energies, with the noun for each in messages."""
 
 
 @refusing_deep
@@ -101,9 +101,9 @@ def declare(
     surfaces: Mapping[str, Any] | None = None,
     check_inertia: bool = True,
 ) -> Statement:
-    """Return the `Statement` of a system: the arguments of `lagrange.System`, checked. Raises StatementError.
+    """Return the checked `Statement` of a system from the arguments of `lagrange.System`. Raises StatementError.
 
-    With `check_inertia` a coordinate without inertia is refused here, else later, by the equations of motion.
+    If `check_inertia` is true, a coordinate without inertia is refused here, else later by the equations of motion.
     """
     survey, alone = Survey(), lagrangian is not None
     typed, energies = _energies(kinetic, potential, lagrangian, survey)
@@ -143,10 +143,10 @@ def _with_rotations(
 ) -> Statement:
     """Return the statement with two additions for its rotations; a statement without rotations is unchanged.
 
-    The kinetic energy gets an inertia for the length of each quaternion: R and its rates do not depend on this
-    length, so that the mass matrix would be singular without it. The field `reading` gets the same statement in small
-    rotations about the body axes, from which readable equations are derived. `typed` are the energies by name, and
-    `zeros` the constraint expressions by name. They, `forces` and `dissipation` are as the user typed them.
+    First, the kinetic energy gets an inertia for the length of each quaternion, without which the mass matrix would be
+    singular. Second, the field `reading` gets the same statement in small rotations about the body axes, from which
+    readable equations are derived. `typed` are the energies by name, and `zeros` the constraint expressions by name.
+    Energies, constraints, `forces` and `dissipation` are as the user typed them.
     """
     kinetic, names = with_length(statement.kinetic, statement.coordinates)
     if not names:
@@ -168,16 +168,15 @@ def _with_rotations(
 
 
 def _at_rest(coordinates: tuple[Any, ...]) -> tuple[float, ...]:
-    """Return the default state (q, v): zeros, but 1 for the scalar of each quaternion, so that nothing is turned."""
+    """Return the default initial state (q, v), 2n floats: zeros, but 1 for the scalar entry of each quaternion."""
     return (*(float(is_scalar(q)) for q in coordinates), *(0.0 for _ in coordinates))
 
 
 def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
     """Return {field: value} for the fields `given`, `orders`, `unknown` and `inferred` of a `Statement`.
 
-    `given` are the given functions of time in `survey`, and `orders` the highest order of derivatives of each.
-    `unknown` are the undefined functions of coordinates. The argument `inferred` has the coordinates that the user
-    did not list. The field `inferred` has the names of those among them that the user did not declare either.
+    `survey` has the functions of the statement. The argument `inferred` has the coordinates that the user did not list.
+    The field `inferred` names those of them that the user did not declare either.
     """
     return {
         "given": tuple(survey.given),
@@ -191,11 +190,11 @@ def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
 def _parameters(
     stated_values: Any, survey: Survey, taken_names: Mapping[str, Any], frictions: Collection[str]
 ) -> tuple[dict[str, Any], Mapping[Any, Any]]:
-    """Return the fields `parameters` and `defaults` of `Statement`, and replacements {other symbol: parameter}.
+    """Return {field: value} for `parameters` and `defaults` of `Statement`, and replacements {other symbol: parameter}.
 
-    Two symbols of one name are the same parameter; the replacements make them one symbol. `stated_values` is the
-    user's table of values. `taken_names` maps the names that parameters must not have to their symbols. `frictions`
-    are the names of coefficients of friction.
+    The replacements unite symbols of the same name but different assumptions. `stated_values` is the user's table of
+    values. `taken_names` maps names that a parameter must not have to their symbols. `frictions` are names of
+    coefficients of friction.
     """
     values = table_of(stated_values, "parameters", "parameter to value")
     symbols, unify = parameter_symbols(survey, values, {**taken_names, **{name_of(f): f for f in survey.given}})
@@ -207,7 +206,11 @@ def _parameters(
 def initial_state(
     initial: Mapping[Any, Any], coordinates: tuple[Any, ...], base: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Return the state (q, v), 2n floats: `base` with the `initial` values by coordinate, velocity or name."""
+    """Return the state (q, v), 2n floats: the state `base`, changed by the values in `initial`.
+
+    Keys of `initial` are coordinates, velocities or their names, such as "theta_dot". Raises StatementError for other
+    keys.
+    """
     if not isinstance(initial, Mapping):
         what = "an array" if isinstance(initial, np.ndarray) else f"a {type(initial).__name__}"
         raise StatementError(
@@ -239,7 +242,10 @@ def initial_state(
 
 @lru_cache(maxsize=256)
 def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
-    """Return {coordinate, velocity or name: index in the state (q, v)}. Cached: SymPy takes 20 us for each."""
+    """Return {coordinate, velocity or name: index in the state (q, v)}.
+
+    Cached, since SymPy takes 20 us for each key.
+    """
     n = len(coordinates)
     rows: dict[Any, int] = {}
     for i, q in enumerate(coordinates):
@@ -251,10 +257,10 @@ def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
 def _energies(
     kinetic: Any, potential: Any, lagrangian: Any, survey: Survey
 ) -> tuple[dict[str, Any], tuple[Any, Any, Any]]:
-    """Return {argument: energy as typed} of the stated energies, and (T, V, L) with shorthands replaced.
+    """Return {argument: energy as typed} of the stated energies, and the expressions (T, V, L) of a Statement.
 
-    An entry R[0, 0] of a rotation is such a shorthand. The symbols of the energies are added to `survey`. A system
-    stated by L alone has T = L and V = 0.
+    In T, V and L shorthands are replaced, such as an entry R[0, 0] of a rotation. The symbols of the energies are added
+    to `survey`. A system stated by L alone has T = L and V = 0.
     """
     if lagrangian is not None and (kinetic is not None or potential is not None):
         with located("lagrangian"):
@@ -278,11 +284,11 @@ def _energies(
 
 @located("coordinates")
 def _coordinates(coordinates: Sequence[Any] | None, survey: Survey, first_order: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the coordinates that the user listed, or without a list those in `survey` and `first_order`.
+    """Return the coordinates of a system: the user's list, or without a list those found in the expressions.
 
-    `survey` has the symbols of the energies and constraints. `first_order` are coordinates with a force or
-    dissipation, which may be in neither; they are added to the survey. Raises StatementError for a listed
-    object that is not a coordinate, and if there are no coordinates.
+    `survey` has the symbols of the energies and constraints. `first_order` are coordinates with a force or dissipation,
+    which may occur in no energy; without a list they are added to the survey. Raises StatementError for a listed object
+    that is not a coordinate, and if there are no coordinates.
     """
     if coordinates is not None and (
         not isinstance(coordinates, Iterable) or (isinstance(coordinates, np.ndarray) and not coordinates.ndim)
@@ -314,9 +320,9 @@ def _coordinates(coordinates: Sequence[Any] | None, survey: Survey, first_order:
 
 
 def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
-    """Yield the coordinates that have a force, and those whose velocity is in the dissipation.
+    """Yield coordinates with a force, and coordinates whose velocity is in the dissipation.
 
-    So a coordinate that occurs in no energy is found too, such as a charge whose current only heats a resistor.
+    Such a coordinate may occur in no energy, as a charge whose current only heats a resistor.
     """
     rubbed = dissipation.atoms(sympy.Derivative) if isinstance(dissipation, sympy.Basic) else ()
     for q in (*(forces if isinstance(forces, Mapping) else ()), *(rate.expr for rate in rubbed)):
@@ -325,10 +331,10 @@ def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
 
 
 def _make_one(survey: Survey) -> str:
-    """Return a hint for an error message on a missing coordinate: how to declare it.
+    """Return the hint of a message on a missing coordinate: how to declare one.
 
-    If a parameter in `survey` has a name such as `theta_dot`, the hint says that it is not a velocity, and how to
-    declare `theta`.
+    For a parameter in `survey` such as `theta_dot`, the hint says that it is not a velocity, and how to declare
+    `theta`.
     """
     for symbol in survey.parameters:
         name = symbol.name.removesuffix("dot").removesuffix("_")
@@ -343,7 +349,7 @@ def _make_one(survey: Survey) -> str:
 def _check_velocities(statement: Statement, *, alone: bool) -> None:
     """Raise StatementError for a coordinate whose acceleration no equation determines.
 
-    `alone` is true if the user stated L, and not T and V.
+    `alone` is true if the user stated the Lagrangian alone, without T and V.
     """
     still = without_velocity(statement, alone=alone)
     if still is None:
@@ -364,7 +370,7 @@ def _check_velocities(statement: Statement, *, alone: bool) -> None:
 
 
 def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any, ...], redundant: str) -> None:
-    """Raise StatementError for more constraints than coordinates, unless redundant ones are allowed."""
+    """Raise StatementError for an unknown word `redundant`, and if it refuses more constraints than coordinates."""
     with located("redundant"):
         one_of(redundant, REDUNDANT, "redundant is {given}: give one of {known}.")
     if redundant == REFUSE and len(constraints) > len(coordinates):
@@ -378,7 +384,10 @@ def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any
 
 @located("forces")
 def _forces(forces: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
-    """Return {coordinate: generalized force}. The symbols of the forces are added to `survey`."""
+    """Return {coordinate: generalized force}, and add the symbols of the forces to `survey`.
+
+    `by_name` has coordinates.
+    """
     table: dict[Any, Any] = {}
     forces = forces_on_coordinates(forces, by_name.values())
     known = in_symbols(by_name, dict.fromkeys(filter(None, map(rotation_name, by_name.values()))))
@@ -399,7 +408,10 @@ def _forces(forces: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: S
 
 @located("dissipation")
 def _dissipation(function: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
-    """Return Rayleigh's dissipation function D. Raises StatementError for a D without velocities: its force is zero."""
+    """Return Rayleigh's dissipation function D, and add its symbols to `survey`.
+
+    Raises StatementError for a D without velocities, because its force -dD/dv is zero.
+    """
     dissipation, leaves = expression(function, "the dissipation"), Survey()
     leaves.add(dissipation, "the dissipation")
     survey.add(dissipation, "the dissipation")
@@ -413,10 +425,7 @@ def _dissipation(function: Any, by_name: Mapping[str, Any], survey: Survey) -> A
 
 
 def _drawn(positions: Any, links: Iterable[Sequence[str]], surfaces: Any, survey: Survey) -> dict[str, Any]:
-    """Return {field: value} for the fields of a `Statement` that are only drawn: positions, links and surfaces.
-
-    The symbols of their expressions are added to `survey`.
-    """
+    """Return {field: value} for the drawn fields `positions`, `links` and `surfaces`; add their symbols to `survey`."""
     points, edges = _positions(positions, survey)
     lines = _surfaces(surfaces, points, survey)
     views = {"positions": MappingProxyType(points), "surfaces": MappingProxyType(lines)}
@@ -427,7 +436,10 @@ def _drawn(positions: Any, links: Iterable[Sequence[str]], surfaces: Any, survey
 def _positions(
     positions: Mapping[str, Any] | None, survey: Survey
 ) -> tuple[dict[str, tuple[Any, ...]], tuple[Link, ...]]:
-    """Return points by name, and the edges of shapes as links. The corners of a shape `body` are body_1, body_2, ..."""
+    """Return {name: point} of the positions to draw, and the edges of shapes as links; add symbols to `survey`.
+
+    The corners of a shape named `body` are the points body_1, body_2, ...
+    """
     points, table = dict[str, tuple[Any, ...]](), dict[str, Any]()
     edges: list[Link] = []
     for label, point in table_of(positions, "positions", "name to point").items():
@@ -457,10 +469,10 @@ def _positions(
 
 @located("surfaces")
 def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: Survey) -> dict[str, tuple[Any, ...]]:
-    """Return {name: point} of the surfaces. The point (x, y) or (x, y, z) runs along the surface as `along` grows.
+    """Return {name: point} of the surfaces to draw. The point moves along the surface as `along` grows from 0 to 1.
 
-    The entries of a point are expressions in `along`, parameters and t. There are as many as in each of the `points`,
-    the named positions. Their symbols are added to `survey`.
+    Its entries are expressions in `along`, parameters and t, as many as those of the named positions `points`. Their
+    symbols are added to `survey`.
     """
     surfaces: dict[str, tuple[Any, ...]] = {}
     size = len(next(iter(points.values()), ()))
@@ -492,7 +504,7 @@ def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: S
 
 @located("links")
 def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link, ...]:
-    """Return the links between named points. Raises StatementError for anything else."""
+    """Return the links between named points. Raises StatementError for unknown points or kinds, and for other types."""
     end = [ORIGIN, *points], "links names {given}, which is not a position; they are {known}."
     kind = KINDS, "links has the kind {given}; the kinds are {known}."
     pairs = None if isinstance(links, TEXTS) else entries(links, "links")
@@ -512,7 +524,7 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link
 
 
 def _has_length(value: Any, *lengths: int) -> bool:
-    """Return True if the value is a sequence or a vector whose length is one of `lengths`."""
+    """Return True if the value is a list, tuple, vector or matrix whose number of entries is one of `lengths`."""
     if isinstance(value, np.ndarray):
         return value.ndim == 1 and len(value) in lengths
     return isinstance(value, (list, tuple, sympy.MatrixBase)) and len(value) in lengths
@@ -520,7 +532,7 @@ def _has_length(value: Any, *lengths: int) -> bool:
 
 @located("constraints")
 def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Constraint, ...]:
-    """Return the constraints from {name: expression that is zero}, and add their symbols to `survey`.
+    """Return constraints from {name: expression that stays zero}, and add their symbols to `survey`.
 
     Raises StatementError for an expression without a coordinate.
     """
@@ -538,7 +550,7 @@ def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Cons
 
 @located("constraints")
 def _typed_zeros(constraints: Any) -> dict[str, Any]:
-    """Return {name: expression that is zero}; constraints in a list are named constraint_1, constraint_2, ..."""
+    """Return {name: expression that stays zero}; constraints in a list are named constraint_1, constraint_2, ..."""
     if isinstance(constraints, Mapping):
         named = dict(constraints)
         for name in named:

@@ -1,10 +1,9 @@
-"""What a terminal or a notebook shows: progress of work, tables, text of its width, and the pages of results.
+"""Output to terminals and notebooks: progress bars, aligned tables, text fitted to the width, pages of results.
 
-Progress is a bar. Other outputs than terminals and notebooks get nothing, or lines of text on request.
+Outputs that are neither a terminal nor a notebook show no progress, or lines of text on request.
 
-The page of a result needs the notation of formulas. This belongs to a later stage of the package than the class of
-the result. So a later module registers here the functions that write the pages. It is imported when the first page is
-shown.
+A page of a result contains formulas, whose notation belongs to a later stage of the package. So that stage has a
+module, `PAGES`, with the functions that write pages. It is imported when the first page is shown.
 """
 
 from __future__ import annotations
@@ -24,27 +23,29 @@ from html import escape
 from importlib import import_module
 from typing import Any, TextIO
 
-SILENT_SECONDS = 2.0  # Seconds of compiling or deriving before a line reports it
+SILENT_SECONDS = 2.0  # Seconds of compiling or deriving after which a display reports it
 
 LINES = "lines"
-"""Value of `progress` for lines instead of a bar where there is no terminal, as in a log file: one in ten seconds."""
+"""Value of the argument `progress` that writes lines where there is no terminal, as to a log file: one every ten
+seconds."""
 
 Report = Callable[[float], None]  # Progress callback: time reached, or number of finished items
 
 
 _announcing: ContextVar[bool] = ContextVar("announcing", default=False)
-"""True inside a block whose display shows the work, or that suppresses it. Inner blocks then show nothing."""
+"""True inside a block that displays its work or suppresses displays. Blocks nested in it then show nothing."""
 
 
 WORK = {"compiling": "compiled", "checking": "checked", "deriving": "derived", "reading": "read"}
-"""Kinds of work that are announced, with the participle for the finished work."""
+"""Kinds of work that are announced, each with its past participle for the message at the end."""
 
 
 @contextmanager
 def announced(work: str, name: Any, *, enabled: bool = True) -> Iterator[None]:
-    """Context that shows in a terminal or notebook, after `SILENT_SECONDS`, that `work` on a system is being done.
+    """Context manager that shows in a terminal or notebook that `work` is being done, once it takes `SILENT_SECONDS`.
 
-    `work` is a key of `WORK`, and `name` that of the system, if it is a text.
+    `work` is a key of `WORK`. `name` is the name of the system, if it is a text. If `enabled` is false, nothing is
+    shown.
     """
     display = None if _announcing.get() else _display_of(enabled)
     outside, system = _announcing.set(True), name if isinstance(name, str) else "system"
@@ -57,7 +58,7 @@ def announced(work: str, name: Any, *, enabled: bool = True) -> Iterator[None]:
 
 @contextmanager
 def _timed(display: _Terminal | _Notebook | _Log, doing: str, done: str) -> Iterator[None]:
-    """Context that shows the text `doing` on a display, with the elapsed time, and at the end the text `done`."""
+    """Context manager that shows `doing` with the elapsed time on a display, and the text `done` at the end."""
     ended, began = threading.Event(), time.perf_counter()
 
     def tell() -> None:
@@ -78,9 +79,9 @@ def _timed(display: _Terminal | _Notebook | _Log, doing: str, done: str) -> Iter
 
 @dataclass(frozen=True)
 class ProgressState:
-    """The present state of a progress display: a sentence, and the finished `share` of the work (0 to 1) if known.
+    """Present state of a progress display: a sentence, and the finished `share` of the work (0 to 1, None if unknown).
 
-    It is printed as text, or shown as HTML in a notebook. The share becomes a bar before the sentence.
+    The state is printed as text, or shown as HTML in a notebook. The share becomes a bar before the sentence.
     """
 
     text: str
@@ -97,7 +98,7 @@ class ProgressState:
 
 
 class _Terminal:
-    """Display of progress: one line of standard error that is rewritten."""
+    """Progress display on a terminal: one line of standard error that is rewritten."""
 
     seconds_between, timed = 0.1, True
 
@@ -111,7 +112,7 @@ class _Terminal:
         self.length = len(text)
 
     def end(self, state: ProgressState, *, stays: bool) -> None:
-        """Print `state` as the last line if the display `stays`, else erase what was shown."""
+        """Print `state` as the last line if `stays` is true, else erase the line of the display."""
         if stays:
             self.show(state)
             sys.stderr.write("\n")
@@ -121,7 +122,7 @@ class _Terminal:
 
 
 class _Notebook:
-    """Display of progress: an output of a notebook cell that is rewritten. It remains with the last state."""
+    """Progress display in a notebook: an output of the cell that is rewritten. Its last state remains visible."""
 
     seconds_between, timed = 0.1, True
 
@@ -143,7 +144,7 @@ class _Notebook:
 
 
 class _Log:
-    """Display of progress: lines on standard error, for an output that is redirected to a file."""
+    """Progress display for a log file: lines on standard error."""
 
     seconds_between, timed = 10.0, False
 
@@ -157,7 +158,10 @@ class _Log:
 
 
 def _display_of(enabled: bool | str) -> _Terminal | _Notebook | _Log | None:
-    """Return the display for progress: notebook, terminal, or a log if `enabled` is `LINES`. None if there is none."""
+    """Return the progress display for this process: of a notebook, a terminal or a log. None if nothing is to be shown.
+
+    A log is used only if `enabled` is `LINES`. If `enabled` is false, the result is None.
+    """
     if enabled and in_notebook():
         return _Notebook()
     if enabled and sys.stderr is not None and sys.stderr.isatty():
@@ -166,20 +170,21 @@ def _display_of(enabled: bool | str) -> _Terminal | _Notebook | _Log | None:
 
 
 def progress_bar(span: Sequence[float], *, enabled: bool) -> AbstractContextManager[Report | None]:
-    """Context of a callback that shows the time reached by a run over `span` (t0, t1) in a progress bar.
+    """Return a context manager of a callback that shows the time reached by a run in a progress bar.
 
-    The callback is None if not `enabled`, or without a terminal or a notebook.
+    `span` is (t0, t1), the first and last time of the run. The callback is None if `enabled` is false, or without a
+    terminal or a notebook.
     """
     return _bar(span, "t = {:.6g}".format, enabled=enabled, stays=False)
 
 
 @contextmanager
 def counter(total: int, noun: str, *, enabled: bool | str, before: int = 0) -> Iterator[Report | None]:
-    """Yield a callback that shows in a progress bar how many of `total` items are finished. None if no bar is shown.
+    """Context manager of a callback that shows in a progress bar how many of `total` items are finished.
 
-    The bar also has the rate and the remaining time, computed without the `before` items that were finished earlier.
-    `noun` names one item. The last line of the bar remains. If `enabled` is `LINES`, lines are written where there is
-    no terminal or notebook.
+    The callback is None if no bar is shown. The bar also has the rate and the remaining time, computed without the
+    `before` items that were finished earlier. `noun` is the name of one item. The last line of the bar remains. If
+    `enabled` is `LINES`, lines are written where there is no terminal or notebook.
     """
     began = time.perf_counter()
 
@@ -211,9 +216,10 @@ def _rounded_time(seconds: float) -> str:
 def _bar(
     span: Sequence[float], describe: Callable[[float], str], *, enabled: bool | str, stays: bool
 ) -> Iterator[Report | None]:
-    """Yield a callback that shows a position within `span` (first, last) in a progress bar. None if no bar is shown.
+    """Context manager of a callback that shows a position within `span` (first, last) in a progress bar.
 
-    `describe` returns the text of a position. If the bar `stays`, its last state remains visible.
+    The callback is None if no bar is shown. `describe` returns the text of a position. If `stays` is true, the last
+    state of the bar remains visible.
     """
     display = _display_of(enabled)
     if display is None:
@@ -244,7 +250,7 @@ def _bar(
 
 
 def in_notebook() -> bool:
-    """Return True if this code runs in the kernel of a notebook. The test does not import IPython."""
+    """Return True if this code runs in the kernel of a notebook. IPython is not imported for the test."""
     if "IPython" not in sys.modules:
         return False
     from IPython import get_ipython
@@ -256,10 +262,10 @@ def in_notebook() -> bool:
 def text_table(
     headings: Sequence[str], rows: Sequence[Sequence[object]], *, columns: int | None = None, right: Sequence[int] = ()
 ) -> str:
-    """Return an aligned table, and a line under the headings if there are any.
+    """Return rows as aligned text, with a line under the `headings` unless all are empty.
 
-    Columns of numbers, and those with an index in `right`, are at the right. Lines have at most `columns` characters: a
-    long text in the last column continues on the next lines.
+    Columns of numbers, and columns whose index is in `right`, are aligned at the right. Lines have at most `columns`
+    characters (None: any number). A long text in the last column continues on the next lines.
     """
     cells = [[*map(str, row)] for row in rows]
     if columns is not None and cells:
@@ -283,18 +289,18 @@ def text_table(
     return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]] if any(headings) else lines[1:])
 
 
-PAGES = "lagrange.show.notebook.result_pages"  # Module that registers the pages
+PAGES = "lagrange.show.notebook.result_pages"  # Module with the functions that write pages of results
 
 
 @singledispatch
 def notebook_page(result: Any) -> str | None:
-    """Return the page of a result in Markdown, or None if its class has none. A notebook then shows the repr."""
+    """Return the page of a result in Markdown. None means that its class has no page, and a notebook shows its repr."""
     del result
     return None
 
 
 class ShownAsPage:
-    """Base of the results that a notebook shows as a page."""
+    """Base class of results that a notebook shows as a page in Markdown."""
 
     def _repr_markdown_(self) -> str | None:
         import_module(PAGES)
@@ -302,7 +308,7 @@ class ShownAsPage:
 
 
 def duration(seconds: float) -> str:
-    """Return a time as text in seconds, milliseconds or microseconds."""
+    """Return a time in seconds as text with three digits, in s, ms or us."""
     for limit, factor, unit in ((1e-3, 1e6, "us"), (1.0, 1e3, "ms")):
         if seconds < limit:
             return f"{seconds * factor:.3g} {unit}"
@@ -310,14 +316,14 @@ def duration(seconds: float) -> str:
 
 
 LEAST_WIDTH = 40
-"""Width of a terminal in columns below which lines are not wrapped, because wrapping would not help."""
+"""Least width of a terminal, in columns, at which lines are wrapped. In narrower ones wrapped tables are unreadable."""
 
-USUAL_WIDTH = 100  # Width in columns of tables for an output that is not a terminal
+USUAL_WIDTH = 100  # Width of tables, in columns, where the output is not a terminal
 _FIRST_COLUMN = re.compile(r"\s*\S+(?: \S+)*\s{2,}")  # Matches the first column of a table row
 
 
 def fitted(text: str, stream: TextIO | None) -> str:
-    """Return text for a stream: wrapped to the width of a terminal, unchanged for a pipe or a file."""
+    """Return `text` for the output `stream`: wrapped to the width of a terminal, else unchanged, as for a file."""
     if stream is None or not stream.isatty():
         return text
     columns = shutil.get_terminal_size().columns
@@ -331,7 +337,11 @@ def columns_of_output() -> int:
 
 
 def _broken(line: str, columns: int) -> str:
-    """Return a line broken to at most `columns` characters. A longer word stays whole; a line of dashes is cut off."""
+    """Return a line of a table or text, wrapped to at most `columns` characters.
+
+    Continued lines are indented to the second column of a table. A longer word stays whole, and a line of dashes is cut
+    off.
+    """
     if len(line) <= columns:
         return line
     if not line.strip(" -"):
@@ -351,10 +361,9 @@ def _broken(line: str, columns: int) -> str:
     return "\n".join([head + parts[0][len(head) :], *parts[1:]])
 
 
-DETAILS = ("full", "short")
-FORMATS = ("text", "unicode", "latex", "markdown", "html")
-ABOVE = ("title", "author", "date", "problem")
-"""Levels of detail of a derivation, its formats, and the texts that may be above it."""
+DETAILS = ("full", "short")  # Levels of detail of a derivation
+FORMATS = ("text", "unicode", "latex", "markdown", "html")  # Formats of a derivation
+ABOVE = ("title", "author", "date", "problem")  # Texts that may precede a derivation
 
 
 def terminal_style() -> str:

@@ -1,4 +1,4 @@
-"""Energies of bodies, springs and gravity, outlines of bodies, and the check for coordinates without velocity."""
+"""Energies of point masses, rotating bodies, springs and gravity; outlines of bodies; check for missing inertia."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from lagrange.statement.statement import Statement
 def without_velocity(statement: Statement, *, alone: bool) -> Any | None:
     """Return the first coordinate whose acceleration no equation can determine, or None.
 
-    `alone` is true if the user stated L, and not T and V.
+    `alone` is true if the user stated the Lagrangian L alone, without T and V.
 
     A coordinate is determined if its velocity is in an energy, or if it is in a constraint. It is also determined if
-    its own equation 0 = dL/dq + Q - dD/dv contains a velocity. Example: with D = e.dot**2/2 the equation of e is
-    e.dot = Q. Example: with L = p*q.dot - H the equation of p contains q.dot. A kinetic energy that is not zero and
-    has no velocity is taken for a mistake. Then a velocity in Q or D does not suffice.
+    its own equation 0 = dL/dq + Q - dD/dv contains a velocity. Example: with D = e.dot**2/2 the equation of e is e.dot
+    = Q. Example: with L = p*q.dot - H the equation of p contains q.dot. A kinetic energy that is not zero and has no
+    velocity is taken for a mistake. Then a velocity in Q or D does not suffice.
     """
     kinetic, coordinates, rates = statement.kinetic, statement.coordinates, statement.velocities
     moving = (kinetic.atoms(sympy.Derivative) | statement.potential.atoms(sympy.Derivative)).intersection(rates)
@@ -55,7 +55,10 @@ def without_velocity(statement: Statement, *, alone: bool) -> Any | None:
 
 
 def first_order_remedy(rate: str) -> str:
-    """Return the remedy for a variable of first order: how to state its rate. `rate` is its text, such as x.dot."""
+    """Return the sentence of a message that explains how to state a first-order variable by its rate.
+
+    `rate` is the text of the rate, such as x.dot.
+    """
     return (
         f"If it is a state of first order, such as a current, give its rate as the force on it and {rate}**2/2 as "
         f"dissipation, or the constraint {rate} - (its rate)."
@@ -66,8 +69,8 @@ def first_order_remedy(rate: str) -> str:
 def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
     """Return m |dr/dt|^2 / 2 of a point mass at `position`, a vector (k,) of any length or one expression.
 
-    Units are those of the mass and the position. Raises StatementError for a position that contains a velocity, and
-    for other types, such as a text.
+    The energy has the units of the mass and the position. Raises StatementError for a position that contains a
+    velocity, and for other types, such as a text.
     """
     point = vector(position, "the position")
     rates = [rate for entry in point for rate in sorted(in_full(entry).atoms(sympy.Derivative), key=str)]
@@ -83,10 +86,10 @@ def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
 
 @refusing_deep
 def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
-    """Return w . I w / 2, the energy of a rotation with inertia I and angular velocity w.
+    """Return w . I w / 2, the kinetic energy of a rotation with inertia I and angular velocity w.
 
-    `inertia` is a scalar, a vector of principal moments (k,) or a matrix (k, k). `angular_velocity` is a scalar
-    or a vector (k,) in the same axes. Give rates such as theta.dot, whereas `kinetic_energy` takes a position. Raises
+    `inertia` is a scalar, a vector of principal moments (k,) or a matrix (k, k). `angular_velocity` is a scalar or a
+    vector (k,) in the same axes. It contains rates such as theta.dot, whereas `kinetic_energy` takes a position. Raises
     StatementError for a component that is an angle, a number such as sin(theta), or an acceleration, and for shapes
     that do not fit together. Goldstein, Poole, Safko, Classical Mechanics, 3rd ed., section 5.3.
     """
@@ -108,23 +111,24 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
 
 
 def _is_rate(factor: Any) -> bool:
-    """Return True for a velocity, and for a rate about an axis such as R.body[2]."""
+    """Return True for a velocity such as x.dot, and for a rate about an axis such as R.body[2]."""
     return isinstance(factor, sympy.Derivative) or (is_shorthand(factor) and in_full(factor).has(sympy.Derivative))
 
 
 TAKEN = "kinetic_energy takes a place, and rotational_energy a rate."
-"""End of the message for an argument that belongs to the other of the two functions."""
+"""Last sentence of a message on an argument of `kinetic_energy` that belongs to `rotational_energy`, or the reverse."""
 
 
 def _dotted(rate: Any) -> str:
-    """Return a derivative in time as a user writes it, such as x.dot."""
+    """Return a time derivative of a coordinate as the user writes it, such as x.dot or x.ddot."""
     return f"{name_of(rate.expr)}.{'d' * rate.derivative_count}ot"
 
 
 def _no_rate(begin: str, term: Any, kind: str, example: str, stated: Any) -> StatementError:
-    """Return the error for a `term` of an angular velocity that is not a rate: an angle, or another `kind`.
+    """Return the error for a `term` of an angular velocity that is not a rate.
 
-    The angular velocity is shown as `stated` if the term is not one of its terms, but results from multiplying out.
+    The message is `begin`, the term, its `kind` (such as "an angle") and an `example` of a rate. It also has the typed
+    angular velocity `stated`, if the term results from multiplying out.
     """
     written = term == stated or term in sympy.Add.make_args(stated)
     inside = "" if written else f" in {formula(_plain(stated), 80)}"
@@ -133,17 +137,17 @@ def _no_rate(begin: str, term: Any, kind: str, example: str, stated: Any) -> Sta
 
 
 def _plain(term: Any) -> Any:
-    """Return a term with symbols such as x.dot and x in place of functions of time and their derivatives."""
+    """Return a term with the symbols x and x.dot in place of functions of time and their derivatives, for a message."""
     plain = {rate: sympy.Symbol(_dotted(rate)) for rate in term.atoms(sympy.Derivative)}
     return term.xreplace(plain | {q: sympy.Symbol(name_of(q)) for q in term.atoms(AppliedUndef)})
 
 
 def _check_rate(rate: Any, what: str) -> None:
-    """Raise StatementError if a component `rate` of an angular velocity, or a term of it, is not a rate.
+    """Raise StatementError if `rate`, a component of an angular velocity, or one of its terms is not a rate.
 
     An angle, a number and an acceleration are not rates. An angle has coordinates and no velocities. In a sum with a
-    velocity, an angle times a parameter may be a rate, as in phi.dot + Omega*theta for a small tilt; a coordinate
-    divided by parameters, such as x/r, is an angle.
+    velocity, an angle times a parameter may be a rate, as in phi.dot + Omega*theta for a small tilt. A coordinate
+    divided by parameters, such as x/r, is an angle. `what` names the component in messages.
     """
     alone = not rate.has(sympy.Derivative)
     for term in sympy.Add.make_args(sympy.expand_mul(rate)):
@@ -165,10 +169,10 @@ def _check_rate(rate: Any, what: str) -> None:
 
 
 def _without_functions(term: Any) -> Any:
-    """Return a term with functions such as sin replaced by 1.
+    """Return a term with functions such as sin replaced by 1, to see whether a parameter in it is a rate.
 
-    Omega*sin(theta) becomes Omega: the parameter is the rate. An inverse function is an angle, and stays with its
-    argument, as in atan(y/x), or asin(sin(theta)), which is theta within one turn.
+    Omega*sin(theta) becomes Omega, which is the rate. An inverse function is an angle, and stays with its argument, as
+    in atan(y/x), or asin(sin(theta)), which is theta within one turn.
     """
     angles = {angle: sympy.Dummy() for angle in term.atoms(InverseTrigonometricFunction)}
     plain = term.xreplace(angles).replace(
@@ -178,15 +182,18 @@ def _without_functions(term: Any) -> Any:
 
 
 def _is_ratio(factor: Any) -> bool:
-    """Return True if a factor is a number, or a ratio of parameters such as R/r (tested by doubling the parameters)."""
+    """Return True if a factor is a number, or a ratio of parameters such as R/r.
+
+    Test: it stays when all are doubled.
+    """
     doubled = factor.xreplace({symbol: 2 * symbol for symbol in factor.free_symbols})
     return bool(sympy.cancel(doubled - factor) == 0)
 
 
 def _tensor(inertia: Any, k: int) -> Any:
-    """Return the inertia tensor (k, k) from a scalar, from k principal moments, or from k rows.
+    """Return the inertia tensor (k, k) from `inertia`: a scalar, k principal moments, or k rows of k entries.
 
-    Raises StatementError for a negative moment, and for rows that are not a symmetric matrix.
+    Raises StatementError for other numbers of entries, a negative moment, and rows that are not a symmetric matrix.
     """
     listed = entries(inertia, "the inertia")
     if listed is None:
@@ -226,10 +233,10 @@ def _checked_tensor(tensor: Any) -> Any:
 
 @refusing_deep
 def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] | None = None) -> Any:
-    """Return m g times the height of `position` (k,) along `up` (k,), by default along the last axis.
+    """Return the potential energy of gravity: m g times the height of `position` (k,) along the direction `up` (k,).
 
-    The last axis is y in a plane and z in space. `up` is scaled to unit length. Raises StatementError for an `up` with
-    another number of entries than `position`, or equal to zero.
+    By default `up` is the last axis, which is y in a plane and z in space. It is scaled to unit length. Raises
+    StatementError for an `up` that is zero, or has another number of entries than `position`.
     """
     point = vector(position, "the position")
     direction = vector([0] * (len(point) - 1) + [1] if up is None else up, "the upward direction")
@@ -246,10 +253,10 @@ def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] 
 
 @refusing_deep
 def spring(stiffness: Any, a: Sequence[Any] | Any, b: Sequence[Any] | Any | None = None, rest_length: Any = 0) -> Any:
-    """Return k (|a - b| - rest_length)^2 / 2 of a spring between two points of the same dimension.
+    """Return the potential energy of a spring between two points: stiffness (|a - b| - rest_length)^2 / 2.
 
-    Points are vectors (k,); without `b` the spring goes to the origin. Raises StatementError for ends of different
-    dimensions.
+    Points are vectors (k,) or single expressions. Without `b` the spring ends at the origin. Raises StatementError for
+    ends of different dimensions.
     """
     start = vector(a, "the first end")
     end = [sympy.S.Zero] * len(start) if b is None else vector(b, "the second end")
@@ -264,15 +271,15 @@ def spring(stiffness: Any, a: Sequence[Any] | Any, b: Sequence[Any] | Any | None
     return k * (sympy.sqrt(squared) - rest) ** 2 / 2
 
 
-Place = tuple[float, float, float]  # A point of a body of size one, in the axes of the body
-PARTS = 24  # Number of straight edges that draw a circle
+Place = tuple[float, float, float]  # Point of a body of size one, in the axes of the body
+PARTS = 24  # Number of straight lines that draw a circle
 
 
 @dataclass(frozen=True)
 class Shape:
-    """The outline of a body, made by `lagrange.shape`: corners in space, three expressions each, and edges.
+    """Outline of a body, made by `lagrange.shape`.
 
-    An edge is a pair of indices of corners.
+    `corners` are points in space, three expressions each. `edges` are pairs of indices of corners.
     """
 
     corners: tuple[tuple[Any, ...], ...]
@@ -282,10 +289,10 @@ class Shape:
 def shape(kind: str, rotation: Rotation | None, size: Any, at: Any = (0, 0, 0)) -> Shape:
     """Return the outline of a body, to draw: a value of `positions` in a System.
 
-    `kind` is "box" with three sides, "ellipsoid" with three semi-axes, "disc" with a radius, about the axis z of the
-    body, or "axes" with a length. A single `size` is used for all three sides or semi-axes. `rotation` turns the body
-    about its centre `at`, three expressions. None leaves it along the axes of space. Raises StatementError for other
-    kinds and sizes.
+    `kind` is one of "box", "ellipsoid", "disc", which lies across the axis z of the body, and "axes". `size` has the
+    three sides of the box, the three semi-axes of the ellipsoid, the radius of the disc or the length of the axes. A
+    single value is used for all three. `rotation` turns the body about its centre `at`, three expressions. None leaves
+    it along the axes of space. Raises StatementError for other kinds and sizes.
     """
     one_of(kind, OUTLINES, "the shape {given} is not known: give one of {known}.")
     if rotation is not None and not isinstance(rotation, Rotation):
@@ -304,7 +311,10 @@ def shape(kind: str, rotation: Rotation | None, size: Any, at: Any = (0, 0, 0)) 
 
 
 def _entries(value: Any, what: str, *, equal: bool = False) -> list[Any]:
-    """Return the three entries of `value`; if `equal`, a single value is repeated. `what` names it in messages."""
+    """Return the three entries of `value`. If `equal` is true, a single value is repeated.
+
+    `what` is its name in messages.
+    """
     parts = entries(value, what)
     parts = [value] * 3 if parts is None and equal else parts
     if parts is None or len(parts) != 3:
@@ -313,7 +323,7 @@ def _entries(value: Any, what: str, *, equal: bool = False) -> list[Any]:
 
 
 def _box() -> list[list[Place]]:
-    """Return the edges of a cube with sides of length one, as lists of points."""
+    """Return the edges of a cube with sides of length one, centred at zero. Each edge is a list of two points."""
     corners = [(i, j, k) for i, j, k in product((-0.5, 0.5), repeat=3)]
     return [[a, b] for a, b in combinations(corners, 2) if sum(x != y for x, y in zip(a, b, strict=True)) == 1]
 
@@ -321,7 +331,7 @@ def _box() -> list[list[Place]]:
 def _circle(first: int, second: int) -> list[Place]:
     """Return points of a closed circle of radius one in the plane of the axes with indices `first` and `second`.
 
-    Entries are rounded to six digits.
+    Coordinates are rounded to six digits.
     """
     corners = []
     for k in range(PARTS + 1):
@@ -333,7 +343,7 @@ def _circle(first: int, second: int) -> list[Place]:
 
 
 def _axes(count: int) -> list[list[Place]]:
-    """Return lines of length one from the centre along the first `count` axes."""
+    """Return lines of length one from the centre along the first `count` axes. Each line is a list of two points."""
     units: Sequence[Place] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     return [[(0.0, 0.0, 0.0), unit] for unit in units[:count]]
 
@@ -344,4 +354,4 @@ OUTLINES: dict[str, Callable[[], list[list[Place]]]] = {
     "disc": lambda: [_circle(0, 1), *_axes(2)],
     "axes": lambda: _axes(3),
 }
-"""Lines of a body of size one by its kind. A disc has two radii, which show how it turns."""
+"""Functions that return the lines of a body of size one, by its kind. A disc has two radii, which show how it turns."""

@@ -1,4 +1,4 @@
-"""Events: expressions whose zeros along a run are located. A zero may end the run or reset the state."""
+"""Declare the events of a run: expressions whose zeros are located, and which may end the run or reset the state."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ from lagrange.statement.rotation import reset_of_coordinates
 from lagrange.statement.statement import Statement
 from lagrange.statement.units.dimension_check import check_event_dimensions
 
-MOST_OCCURRENCES = 2**31  # Largest number of the occurrence that ends a run, far more than a run keeps
+MOST_OCCURRENCES = 2**31  # Largest `terminal` of an event, far more occurrences than a run stores
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Event:
-    """A zero of an expression in coordinates, velocities, accelerations, multipliers, parameters and time.
+    """Event of a run: a zero of an expression in coordinates, velocities, accelerations, multipliers, parameters and t.
 
-    `direction` is 1 for zeros at which the expression rises in the direction of the run, and -1 where it falls. It is 0
-    for both and for touches, which are zeros without change of sign. The run ends at the `terminal`-th occurrence (0:
-    never). `reset` maps coordinates and velocities to expressions of the state before the event. `declare_events` moves
-    the entries of `reset` that set parameters to `settings`.
+    `direction` is 1 for zeros at which the expression rises in the direction of the run, and -1 for zeros at which it
+    falls. It is 0 for both and for touches, which are zeros without change of sign. The run ends at occurrence number
+    `terminal`, or never if `terminal` is 0. `reset` maps coordinates and velocities to expressions of the state before
+    the event. `settings` maps parameters in the same way. A user gives both in `reset`, and `declare_events` separates
+    them.
     """
 
     expression: Any
@@ -74,13 +75,13 @@ def event(
 ) -> Event:
     """Return an event for `events=[...]` of a run.
 
-    `expression` is a SymPy expression (or an equation) in coordinates, velocities, accelerations such as x.ddot, the
+    `expression` is a SymPy expression or equation in coordinates, velocities, accelerations such as x.ddot, the
     multipliers of constraints, parameters and t. The event is where it becomes zero. `direction` is positive for rising
-    zeros only, negative for falling ones, as in SciPy's solve_ivp. With `terminal=True` the run ends at the event, with
-    a whole number k at its k-th occurrence. `reset` maps coordinates, velocities and parameters, or their names, to
-    expressions of the state before the event, such as {y.dot: -0.9*y.dot} for an impact, or {k: 0} for a spring that
-    breaks. Quantities without an entry keep their values. A rotation R and its rates may be keys, {R.body:
-    -0.8*R.body}.
+    zeros only, negative for falling zeros only, as in SciPy's solve_ivp. With `terminal=True` the run ends at the
+    event, with a whole number k at its k-th occurrence. `reset` maps coordinates, velocities and parameters, or their
+    names, to expressions of the state before the event, such as {y.dot: -0.9*y.dot} for an impact, or {k: 0} for a
+    spring that breaks. Quantities without an entry keep their values. A rotation R and its rates may be keys, as in
+    {R.body: -0.8*R.body}.
 
     Raises StatementError for an expression, a direction, a `terminal` or a reset of the wrong type.
     """
@@ -93,7 +94,7 @@ def _sign(direction: float) -> int:
 
 
 def _zero(argument: Any) -> Any:
-    """Return the expression whose zero is the event: the expression itself, or left minus right side of an equation."""
+    """Return the expression whose zero is the event: `argument` itself, or left minus right side of an equation."""
     if isinstance(argument, sympy.Eq):
         return expression(argument.lhs, "the left side of the event") - expression(
             argument.rhs, "the right side of the event"
@@ -104,7 +105,7 @@ def _zero(argument: Any) -> Any:
 
 
 def _instead_of(argument: Any) -> str:
-    """Return the end of an error message for an argument that is not an event: its text, its type, and the remedy."""
+    """Return the end of the message for an `argument` that is not an event: its text, its type, and the remedy."""
     written = formula(argument, 80) if isinstance(argument, (str, sympy.Basic)) else shown(argument)
     match argument:
         case str() | bytes():
@@ -126,7 +127,7 @@ def _instead_of(argument: Any) -> str:
 
 
 def _value(value: Any) -> Any:
-    """Return a value in a reset as an expression. Raises StatementError for other types."""
+    """Return a number or an expression in a reset as a SymPy expression. Raises StatementError for other types."""
     if isinstance(value, sympy.Expr):
         return expression(value, "the value of a reset")
     if isinstance(value, (numbers.Number, np.ndarray)):
@@ -138,11 +139,12 @@ def _value(value: Any) -> Any:
 
 
 def declare_events(events: Any, statement: Statement, *, constant: str = "") -> tuple[Event, ...]:
-    """Return the events of a run, checked against a statement. A bare expression is an event in both directions.
+    """Return the user's `events` of a run as a tuple of events that are checked against a statement.
 
-    `constant` names a kind of run whose events must not set parameters. With an empty text events may set them.
+    A bare expression is an event in both directions. A run with constant parameters has a name in `constant`, for the
+    message that its events must not set parameters. If `constant` is empty, events may set parameters.
     """
-    # An empty tuple is the usual case: it is returned first, because the checks of types below take longer.
+    # Usually there are no events. This case returns first, because the checks of types below take longer.
     if events is None or (isinstance(events, tuple) and not events):
         return ()
     alone = (Event, sympy.Basic, str, bytes, numbers.Number, np.bool_)
@@ -170,10 +172,10 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
 
 
 def _check_resets(index: int, e: Event, statement: Statement) -> None:
-    """Raise StatementError if the reset of event number `index` is not valid.
+    """Raise StatementError if the reset of the event `e`, number `index` in the list, is not valid.
 
-    It is not valid if it names an unknown quantity, or one quantity twice, or if a new value contains something that
-    is not in the statement or has a wrong dimension.
+    It must not name an unknown quantity, or one quantity twice. New values must not contain symbols that are not in the
+    statement, and their dimensions must be right.
     """
     rows = state_rows(statement.coordinates)
     if len({rows[key] for key in e.reset if key in rows}) < sum(key in rows for key in e.reset):
@@ -195,10 +197,10 @@ def _check_resets(index: int, e: Event, statement: Statement) -> None:
 
 
 def _declared(entry: Any, statement: Statement) -> Event:
-    """Return `entry` as an event in the symbols of the statement.
+    """Return `entry` of a list of events as an event in the symbols of the statement.
 
-    The gaps of contacts replace their symbols, and the statement's parameters replace other symbols of the same
-    names. A bare expression is an event in both directions.
+    The gaps of contacts replace their symbols, and the statement's parameters replace other symbols of the same names.
+    A bare expression is an event in both directions.
     """
     if not isinstance(entry, Event):
         entry = _kept(entry) if isinstance(entry, sympy.Expr) else event(entry)
@@ -209,12 +211,13 @@ def _declared(entry: Any, statement: Statement) -> Event:
 
 
 _kept = lru_cache(maxsize=256)(event)
-"""The event of a bare expression. Equal expressions give the same object, since caches have events as keys."""
+"""Return the event of a bare expression. Equal expressions give the same object, because other caches have events as
+keys."""
 
 
 @lru_cache(maxsize=256)
 def _in_own_parameters(e: Event, parameters: tuple[Any, ...]) -> Event:
-    """Return an event in which the system's own `parameters` replace other symbols of the same names.
+    """Return the event `e` with the system's `parameters` in place of other symbols of the same names.
 
     Entries of its reset that set parameters move to `settings`. The result is cached: the same event gives the same
     object, which can be the key of other caches.
@@ -234,9 +237,10 @@ def _in_own_parameters(e: Event, parameters: tuple[Any, ...]) -> Event:
 
 @lru_cache(maxsize=256)
 def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
-    """Return the coordinates, parameters and functions in an expression. Cached: many runs have the same events.
+    """Return the coordinates, parameters and functions in an expression.
 
-    `what` names the expression in messages. If `motion` is true, it may contain accelerations and multipliers.
+    The result is cached for runs with the same events. `what` is the name of the expression in messages. If `motion` is
+    true, it may contain accelerations and multipliers.
     """
     survey = Survey()
     survey.add(expression, what, accelerations=motion, multipliers=motion)
@@ -244,9 +248,10 @@ def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
 
 
 def _check(expression: Any, what: str, statement: Statement, *, motion: bool = False) -> Survey:
-    """Return the coordinates, parameters and functions in an expression. Raises StatementError for unknown ones.
+    """Return the coordinates, parameters and functions in an expression.
 
-    `what` names the expression in messages. If `motion` is true, it may contain accelerations and multipliers.
+    Raises StatementError if one is not the statement's. `what` is the name of the expression in messages. If `motion`
+    is true, it may contain accelerations and multipliers.
     """
     survey = _surveyed(expression, what, motion=motion)
     declared = (*statement.coordinates, *statement.given, *statement.parameters)

@@ -1,9 +1,8 @@
-"""Values from users: numbers, arrays, truth values, words and expressions are checked and converted, or refused.
+"""Check and convert values from users: numbers, arrays, truth values, words, and SymPy expressions.
 
-Among expressions, Mod becomes an atan2.
-
-This is the gate to SymPy, which runs texts: `sympify` evaluates them as Python, also inside lists and matrices. So all
-expressions from users reach SymPy only through this module, entry by entry.
+All expressions from users reach SymPy only through this module, entry by entry, because `sympify` would run texts as
+Python code, also texts inside lists and matrices. In expressions Mod is replaced by an atan2, and re and im are
+evaluated.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from lagrange.errors import (
     with_type,
 )
 
-TYPED_ROUNDING = 1e-6  # Largest relative rounding of numbers that people type, with six or more digits
+TYPED_ROUNDING = 1e-6  # Largest relative rounding of numbers that people type with six or more digits
 
 
 FloatArray = NDArray[np.float64]
@@ -44,19 +43,22 @@ FloatArray = NDArray[np.float64]
 DOUBLE = np.dtype(float)
 
 MOST_NUMBERS = 2**29
-"""Largest number of entries of an array from a user, or computed for it: 4 GiB. Larger arrays are refused before
-allocation: the operating system would end the process without a message."""
+"""Largest number of doubles in an array that a user gives or requests: 4 GiB. Larger arrays are refused before
+allocation, since the operating system would end the process without a message."""
 
 _FLOATS = frozenset((float,))
 
 _NO_NUMBERS = (bool, np.bool_, np.ma.MaskedArray)
-"""Types that are refused in place of numbers; NumPy would convert them inside a list."""
+"""Types that NumPy would convert to numbers inside a list, but which are refused."""
 
-_DEGREES = re.compile(r" *([+-]?[0-9.]{1,30}) *(?:deg|degrees|°) *")  # A text that means an angle in degrees
+_DEGREES = re.compile(r" *([+-]?[0-9.]{1,30}) *(?:deg|degrees|°) *")  # Matches an angle as text, such as "30 deg"
 
 
 def real_number(value: Any, what: str) -> float:
-    """Return a finite float from a Python, NumPy or SymPy number; `what` names it in the refusal."""
+    """Return a finite float from a Python, NumPy or SymPy number.
+
+    Raises StatementError for anything else; `what` is the name of the value in the message.
+    """
     number = value if type(value) is float else _as_float(value, what)
     if not math.isfinite(number):
         raise StatementError(f"{what} is {number}: give a finite number.")
@@ -64,7 +66,10 @@ def real_number(value: Any, what: str) -> float:
 
 
 def positive_number(value: Any, what: str, remedy: str) -> float:
-    """Return a positive finite float from a number. `what` names the value in the refusal, which ends with `remedy`."""
+    """Return a positive finite float from a number. Raises StatementError for other values.
+
+    In the message `what` is the name of the value, and `remedy` the end.
+    """
     number = real_number(value, what)
     if number <= 0:
         raise StatementError(f"{what} = {number:g}: {remedy}.")
@@ -72,23 +77,29 @@ def positive_number(value: Any, what: str, remedy: str) -> float:
 
 
 def flag(value: Any, what: str) -> bool:
-    """Return a bool. Raises StatementError for values of other types, which Python would treat as true or false."""
+    """Return True or False as a bool.
+
+    Raises StatementError for other types, which Python would treat as true or false.
+    """
     if not isinstance(value, (bool, np.bool_)):
         raise StatementError(f"{what} = {shown(value)}: give True or False.")
     return bool(value)
 
 
 def flag_or_word(value: Any, what: str, word: str) -> bool | str:
-    """Return a bool, or the text `word`. Raises StatementError for other values."""
+    """Return a bool, or the text `word`.
+
+    Raises StatementError for other values; `what` is their name in the message.
+    """
     if isinstance(value, str):
         return one_of(value, (word,), what + " = {given}: give True, False or {known}.")
     return flag(value, what)
 
 
 def whole_number(value: Any, what: str, least: int, most: int | None = None) -> int:
-    """Return `value` as an int between `least` and `most` (None: no upper limit); 3.0 is accepted as 3.
+    """Return `value` as an int between `least` and `most` (None: no upper limit). The float 3.0 is accepted as 3.
 
-    Raises StatementError for other values; `what` names the value in its message.
+    Raises StatementError for other values; `what` is the name of the value in the message.
     """
     number = real_number(value, what)
     if number != int(number) or number < least or (most is not None and number > most):
@@ -98,11 +109,11 @@ def whole_number(value: Any, what: str, least: int, most: int | None = None) -> 
 
 
 def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
-    """Return an array of doubles; `what` names it in messages.
+    """Return `value` as an array of doubles, of any shape.
 
-    Raises StatementError for complex numbers, texts, truth values, symbols and masked arrays: conversion would lose
-    information. Also raises it for more memory than allowed: the entries times `width`, the numbers that the caller
-    computes for each entry.
+    Raises StatementError for complex numbers, texts, truth values, symbols and masked arrays, whose conversion would
+    lose information. It also refuses an array for which the computation would need too much memory. `width` is the
+    number of doubles that the caller computes for each entry, and `what` the name of the value in messages.
     """
     if type(value) is np.ndarray and value.dtype is DOUBLE and value.size * width <= MOST_NUMBERS:
         return value
@@ -117,16 +128,16 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
 
 
 def complex_array(value: ArrayLike, what: str) -> NDArray[np.complex128]:
-    """Return an array of complex numbers. Raises StatementError for other entries, and for too much memory."""
+    """Return an array of complex numbers. Raises StatementError for other entries, and if it takes too much memory."""
     with np.errstate(over="ignore"):
         return _array(value, what, 2, "fiuc").astype(complex)
 
 
 def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
-    """Return an array whose entries are numbers of one of `kinds`, letters of `numpy.dtype.kind`.
+    """Return an array whose entries are numbers of one of `kinds`, which are letters of `numpy.dtype.kind`.
 
-    Raises StatementError for other entries, and if `width` numbers for each entry take too much memory. `what` names
-    the array in messages.
+    Raises StatementError for other entries, and if `width` doubles for each entry take too much memory. `what` is the
+    name of the array in messages.
     """
     if isinstance(value, np.ma.MaskedArray):
         raise StatementError(f"{what} is a masked array: give the values alone, such as its .compressed().")
@@ -149,13 +160,13 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
     return array
 
 
-MOST_AXES = 64  # Largest number of axes of an array of NumPy
+MOST_AXES = 64  # Largest number of axes of a NumPy array
 
 
 def _count(value: Any, what: str, axes: int = 0) -> int:
-    """Return the number of entries of an array or of nested sequences, and 1 for anything else.
+    """Return the number of entries of an array or of nested sequences, and 1 for any other value.
 
-    `axes` is the number of sequences around the value; those nested deeper than `MOST_AXES` are not opened. Raises
+    `axes` is the number of sequences around the value. Sequences nested deeper than `MOST_AXES` are not opened. Raises
     StatementError, with the name `what`, for entries such as truth values, which NumPy would convert to numbers.
     """
     if isinstance(value, np.ndarray):
@@ -208,18 +219,18 @@ def _from_sympy(value: Any, what: str) -> float:
 
 Value = TypeVar("Value")
 
-MOST_WORDS = 16  # Largest number of known words that a message lists
+MOST_WORDS = 16  # Largest number of known words in a message
 
 
 def text(value: Any, what: str) -> str:
-    """Return the value if it is a str. Raises StatementError, with the name `what`, for any other type."""
+    """Return the value if it is a str. Raises StatementError for other types; `what` is its name in the message."""
     if not isinstance(value, str):
         raise StatementError(f"{what} is {with_type(value)}: give a text.")
     return value
 
 
 def printable(value: Any, what: str) -> str:
-    """Return the text `value`. Raises StatementError for control characters in it, which would act on a terminal."""
+    """Return the text `value`. Raises StatementError for control characters in it, which could change a terminal."""
     if not text(value, what).replace("\n", " ").isprintable():
         raise StatementError(f"{what} is {shown(value)}, which has control characters: give plain text.")
     return str(value)
@@ -228,7 +239,7 @@ def printable(value: Any, what: str) -> str:
 def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
     """Return `value` if it is one of the `known` words. Raises StatementError otherwise.
 
-    `refusal` is the message, with the places {given} for the value and {known} for the words.
+    `refusal` is the message. In it {given} is replaced by the value, and {known} by the words.
     """
     words = list(known)
     if not isinstance(value, str) or value not in words:
@@ -238,14 +249,20 @@ def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
 
 
 def check_once(names: Sequence[str], what: str) -> None:
-    """Raise StatementError if a user's table `what` has a key twice. `names` has the name of each key."""
+    """Raise StatementError if a user's table has a key twice, as a symbol and as a name.
+
+    `names` are the names of the keys, and `what` is the name of the table in the message.
+    """
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise StatementError(f"{what} has {twice} twice, by its symbol and by its name: give it once.")
 
 
 class ByName(dict[str, Value]):
-    """Values by name. Access by an unknown name raises a StatementError that lists the known names."""
+    """Dict of values by name. Access by an unknown name raises a StatementError that lists the known names.
+
+    `noun` is the kind of the values in the message, such as "parameters".
+    """
 
     def __init__(self, noun: str, values: Iterable[tuple[str, Value]] = ()) -> None:
         super().__init__(values)
@@ -263,10 +280,10 @@ class ByName(dict[str, Value]):
 
 
 MOST_ENTRIES = 10_000
-"""Largest number of entries of a vector. A generator with more is refused, for it may have no end."""
+"""Largest number of entries of a vector. A generator with more entries is refused, since it may be endless."""
 
 MOST_LEVELS = 400
-"""Largest number of levels of an expression. SymPy's `free_symbols` takes two of Python's 1,000 nested calls for each
+"""Largest depth of nesting of an expression. SymPy's `free_symbols` takes two of Python's 1,000 nested calls for each
 level."""
 
 TEXTS = (str, bytes, bytearray, memoryview)
@@ -277,7 +294,7 @@ Result = TypeVar("Result")
 
 
 def refusing_deep(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Return `function` with a change: it raises StatementError if an expression is nested too deeply for SymPy.
+    """Return `function`, changed so that it raises StatementError for an expression that is nested too deeply.
 
     SymPy's recursive functions overflow Python's stack on such an expression.
     """
@@ -296,21 +313,27 @@ def refusing_deep(function: Callable[Arguments, Result]) -> Callable[Arguments, 
 
 
 class NonScalar:
-    """Base of values that are not scalar expressions, such as a rotation; `remedy` says what to give in their place."""
+    """Base class of objects that are not scalar expressions, such as a rotation.
+
+    `remedy` is the end of a message where a scalar is required: what to give instead.
+    """
 
     remedy: str
 
 
 def expression(value: Any, what: str) -> Any:
-    """Return a user's value, an expression or a number, as a SymPy expression; `what` names it in the refusal."""
+    """Return a user's value, an expression or a number, as a SymPy expression. Raises StatementError for other types.
+
+    `what` is the name of the value in the message.
+    """
     return in_full(as_typed(value, what))
 
 
 def as_typed(value: Any, what: str) -> Any:
-    """Return a user's value, an expression or a number, as a SymPy expression with its shorthands kept.
+    """Return a user's value, an expression or a number, as a SymPy expression in which shorthands stay.
 
-    A shorthand is a function of time that abbreviates an expression, such as R[0, 0], an entry of a rotation. `what`
-    names the value in the refusal.
+    A shorthand is a function of time that abbreviates an expression, such as R[0, 0], an entry of a rotation. Raises
+    StatementError for other types; `what` is the name of the value in the message.
     """
     if isinstance(value, sympy.Basic) and is_too_deep(value):
         raise StatementError(
@@ -341,7 +364,8 @@ def as_typed(value: Any, what: str) -> Any:
 
 
 SHORTHAND = "shorthand"
-"""Attribute of a function of time with the expression that it abbreviates, such as an entry of a rotation."""
+"""Attribute of a function of time that abbreviates an expression, such as an entry of a rotation. It holds the
+expression."""
 
 
 def is_shorthand(value: Any) -> bool:
@@ -357,7 +381,7 @@ def in_full(expression: Any) -> Any:
 
 
 def _differentiated(expression: Any) -> Any:
-    """Return an expression with derivatives carried out, except those of coordinates and given functions."""
+    """Return an expression with all derivatives evaluated, except those of coordinates and given functions."""
     return expression.replace(
         lambda node: isinstance(node, sympy.Derivative) and not isinstance(node.expr, AppliedUndef),
         lambda node: node.doit(deep=False),
@@ -369,8 +393,8 @@ def parts_first(
 ) -> Iterator[Any]:
     """Yield the distinct subexpressions that are not in `known`, each after its parts, without recursion.
 
-    `parts` returns the parts of a subexpression, its arguments by default. The caller must enter each subexpression in
-    `known` before it takes the next one.
+    `parts` is a function that returns the parts of a subexpression, by default its arguments. The caller must add each
+    subexpression to `known` before it takes the next one.
     """
     stack = [expression]
     while stack:
@@ -385,7 +409,7 @@ def parts_first(
 
 
 def is_too_deep(value: Any) -> bool:
-    """Return True if an expression is nested too deeply for SymPy's recursive functions."""
+    """Return True if an expression is nested too deeply for SymPy's recursive functions, which overflow the stack."""
     level = {id(value): value}
     for _ in range(MOST_LEVELS):
         level = {id(part): part for node in level.values() for part in node.args if isinstance(part, sympy.Basic)}
@@ -395,10 +419,11 @@ def is_too_deep(value: Any) -> bool:
 
 
 def entries(value: Any, what: str) -> list[Any] | None:
-    """Return the entries of a container unchanged, or None if the value is not a container.
+    """Return the entries of a container as a list, or None if the value is not a container.
 
-    Containers are lists, tuples, generators, arrays and matrices; a matrix with several rows and columns gives its
-    rows. Raises StatementError for texts, sets and dicts.
+    Containers are lists, tuples, generators, arrays and matrices. For a matrix with several rows and columns the
+    entries are its rows. Raises StatementError for texts, sets, dicts, and too many entries. `what` is the name of the
+    value in messages.
     """
     if isinstance(value, TEXTS):
         raise StatementError(f"{what} is the text {shown(value, 60)}: give SymPy expressions.")
@@ -431,7 +456,10 @@ def _of_array(value: Any, what: str) -> list[Any] | None:
 
 
 def vector(value: Any, what: str) -> list[Any]:
-    """Return the entries of a sequence, array or matrix as typed; a single expression is a vector of one entry."""
+    """Return the entries of a sequence, array or matrix as a list of SymPy expressions.
+
+    A single expression gives one entry. Shorthands such as R[0, 0] stay. `what` is the name of the value in messages.
+    """
     components = entries(value, what)
     if components is None:
         return [as_typed(value, what)]
@@ -441,17 +469,17 @@ def vector(value: Any, what: str) -> list[Any]:
 
 
 def modulo(dividend: Any, divisor: Any) -> Any:
-    """Return Mod(dividend, divisor), written with sines and an arctangent; it has the sign of the divisor."""
+    """Return Mod(dividend, divisor) as an expression with sines and an arctangent. It has the sign of the divisor."""
     angle = 2 * sympy.pi * dividend / divisor
     return divisor / 2 + divisor * sympy.atan2(-sympy.sin(angle), -sympy.cos(angle)) / (2 * sympy.pi)
 
 
 def without_modulo(expression: Any) -> Any:
-    """Return the expression with every Mod, such as x % 2, replaced by `modulo`."""
+    """Return the expression with each Mod, such as x % 2, replaced by the result of `modulo`."""
     if not expression.has(sympy.Mod):
         return expression
     replacements: dict[Any, Any] = {}
-    # Inner ones first: the outer ones contain them.
+    # Inner ones come first, since the outer ones contain them.
     for part in sorted(expression.atoms(sympy.Mod), key=lambda part: (sympy.count_ops(part), str(part))):
         replacements[part] = modulo(*(argument.xreplace(replacements) for argument in part.args))
     return _differentiated(expression.xreplace(replacements))
@@ -461,7 +489,7 @@ _PARTS = (sympy.re, sympy.im, sympy.conjugate)
 
 
 def real(expression: Any) -> Any:
-    """Return the expression with re, im and conjugate evaluated for real functions and parameters.
+    """Return the expression with re, im and conjugate evaluated, given that all its functions and parameters are real.
 
     All quantities of a statement are real, but SymPy's functions of time are not: it turns Abs(exp(x(t))) into
     exp(re(x(t))), and differentiates Abs(x(t)) to a formula in re(x(t)) and im(x(t)).

@@ -1,4 +1,4 @@
-"""Symbols of a statement: which they are, their values as parameters, and the refusal of accelerations in an energy."""
+"""Find the symbols of expressions, refuse unsupported functions and derivatives, and read values of parameters."""
 
 from __future__ import annotations
 
@@ -23,9 +23,12 @@ _PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, No
 
 @dataclass
 class Survey:
-    """The symbols in some expressions: coordinates, velocities, parameters, multipliers and functions.
+    """Symbols and functions in some expressions.
 
-    Each field has them in order of first appearance; dicts serve as ordered sets.
+    Each field has them in order of first appearance, with dicts as ordered sets. `coordinates` and `velocities` are
+    functions of time and their derivatives. `parameters` are plain symbols. `multipliers` are names of constraints.
+    `given` maps given functions of time to the order of their highest derivative. `unknown` are undefined functions of
+    coordinates, such as U(r). `seen` has the subexpressions that were already searched.
     """
 
     coordinates: dict[Any, None] = field(default_factory=dict)
@@ -39,8 +42,8 @@ class Survey:
     def add(self, expression: Any, what: str, *, accelerations: bool = False, multipliers: bool = False) -> None:
         """Collect the symbols of an expression. Raises StatementError for functions that have no derivative or value.
 
-        `what` names the expression in messages. It may contain accelerations and multipliers only if these flags are
-        true.
+        `what` is the name of the expression in messages. Accelerations and multipliers are refused unless their flags
+        are true.
         """
         for node in _distinct(expression, self.seen):
             if isinstance(node, sympy.Symbol):
@@ -58,7 +61,7 @@ class Survey:
     def require(self, known: Container[Any], what: str, rest: str) -> None:
         """Raise StatementError for a collected symbol or function that is not in `known`.
 
-        The message begins with `what`, the name of the expression, and ends with `rest`.
+        The message begins with `what`, the name of the expression, and ends with the text `rest`.
         """
         for leaf in (*self.coordinates, *self.given, *self.unknown, *self.parameters):
             if leaf not in known:
@@ -93,8 +96,8 @@ class Survey:
     def _add_unknown(self, node: Any, what: str) -> None:
         """Add an undefined function of coordinates, such as U(r), to the collected functions.
 
-        `node` is the function or its derivative, and `what` names the expression in messages. Raises StatementError
-        for another derivative, which SymPy has not evaluated.
+        `node` is the function or its derivative, and `what` is the name of the expression in messages. Raises
+        StatementError for a derivative of anything else, which SymPy has not evaluated.
         """
         function = node.expr if isinstance(node, sympy.Derivative) else node
         if not isinstance(function, AppliedUndef) or motion_of(function) is not None:
@@ -131,7 +134,7 @@ class Survey:
 def _distinct(expression: Any, seen: set[Any]) -> Iterator[Any]:
     """Yield each distinct subexpression that is not in `seen`, parents first, and add it to `seen`.
 
-    The parts of functions of time and of their derivatives are not yielded.
+    The arguments of functions of time and of their derivatives are not yielded.
     """
     stack = [expression]
     while stack:
@@ -144,7 +147,7 @@ def _distinct(expression: Any, seen: set[Any]) -> Iterator[Any]:
 
 
 def _parts(node: Any) -> tuple[Any, ...]:
-    """Return the arguments of a node in which symbols are searched; none for a function of time or its derivative."""
+    """Return the arguments of a node that may contain symbols. A function of time or its derivative has none."""
     if isinstance(node, sympy.Subs):
         return tuple(node.point)
     function = node.expr if isinstance(node, sympy.Derivative) else node
@@ -180,7 +183,10 @@ def _check_supported(node: Any, what: str) -> None:
 
 
 def _is_zero(base: Any) -> bool:
-    """Return True if the base of a power is zero. Sums with symbols are not tested: SymPy takes 10 ms for one."""
+    """Return True if the base of a power is zero.
+
+    A sum with symbols gives False untested, since SymPy takes 10 ms for it.
+    """
     return bool((base.is_Symbol or not base.free_symbols) and base.is_zero)
 
 
@@ -190,10 +196,11 @@ def parameter_values(
     defaults: Mapping[Any, float],
     frictions: Collection[str] = (),
 ) -> dict[Any, float]:
-    """Return a value for every parameter: the defaults and `overrides`, whose keys are symbols or names.
+    """Return {parameter: value} for all `parameters`: the `defaults`, replaced by `overrides`.
 
-    `frictions` are the names of coefficients of friction. Raises StatementError for an unknown name, a value that is
-    not a finite real number, a negative coefficient of friction, and a parameter without a value.
+    Keys of `overrides` are symbols or names. `frictions` are the names of coefficients of friction. Raises
+    StatementError for an unknown name, a value that is not a finite real number, a negative coefficient of friction,
+    and a parameter without a value.
     """
     by_name = {symbol.name: symbol for symbol in parameters}
     table = table_of(overrides, "parameters", "parameter to value")
@@ -210,7 +217,7 @@ def parameter_values(
 
 
 def label_of(key: Any) -> str:
-    """Return the name of a key of a user's table, for messages and lookup: `theta_dot` for a velocity."""
+    """Return the name of a key in a user's table, for messages and to find the quantity: `theta_dot` for a velocity."""
     if isinstance(key, str):
         return key[:80]
     if not isinstance(key, sympy.Basic):
@@ -223,24 +230,27 @@ def label_of(key: Any) -> str:
 
 
 def rate_name(name: str, order: int) -> str:
-    """Return the name of the time derivative of order `order`: x, x_dot, x_ddot, x_dddot."""
+    """Return the name of the time derivative of order `order` of the coordinate `name`: x, x_dot, x_ddot, x_dddot."""
     return f"{name}_{'d' * order}ot" if order else name
 
 
 def coordinate_name(key: Any, names: Sequence[str]) -> str:
-    """Return the name of the coordinate that `key` names. Raises StatementError for an unknown coordinate."""
+    """Return the name of the coordinate `key`, a symbol or a name.
+
+    Raises StatementError if it is not one of `names`.
+    """
     return one_of(label_of(key), names, "{given} is not a coordinate of this system; they are {known}.")
 
 
 def parameter_name(key: Any, names: Collection[str]) -> str:
-    """Return the name of the parameter that `key` names. Raises StatementError for an unknown parameter."""
+    """Return the name of the parameter `key`, a symbol or a name. Raises StatementError if it is not one of `names`."""
     return one_of(label_of(key), names, "{given} is not a parameter of this system; its parameters are {known}.")
 
 
 def table_of(table: Any, what: str, entries: str) -> Mapping[Any, Any]:
-    """Return the dict `table`, or an empty one for None. Raises StatementError for other types.
+    """Return the dict `table`, or an empty dict for None. Raises StatementError for other types.
 
-    In the message `what` names the table, and `entries` describes its keys and values.
+    In the message `what` is the name of the table, and `entries` describes its keys and values.
     """
     if table is not None and not isinstance(table, Mapping):
         raise StatementError(f"{what} is {singular(type(table).__name__)}: give a dict from {entries}.")
@@ -252,8 +262,9 @@ def parameter_symbols(
 ) -> tuple[dict[str, Any], dict[Any, Any]]:
     """Return {name: parameter}, and replacements {other symbol: parameter} for symbols of the same name.
 
-    `table` maps parameters to values. Those in it come first, in its order, then the others in the order of
-    declaration. `functions` maps the names that are taken to coordinates and given functions.
+    `survey` has the symbols of the expressions, and `table` maps parameters to values. Parameters in the table come
+    first, in its order, then the others in the order of declaration. `functions` maps the names of coordinates and
+    given functions, which parameters must not have, to these functions.
     """
     symbols: dict[str, Any] = {}
     for symbol in [*survey.parameters, *(key for key in table if isinstance(key, sympy.Symbol))]:
@@ -274,9 +285,9 @@ def parameter_symbols(
 
 
 def in_own_parameters(value: Any, parameters: Sequence[Any]) -> Any:
-    """Return an expression with a system's own `parameters` in place of other symbols of the same names.
+    """Return the expression `value` with a system's `parameters` in place of other symbols of the same names.
 
-    Parameters of a scene have no assumed sign, those of `lg.parameters` are positive: to SymPy they differ.
+    Parameters of a scene have no assumed sign, and those of `lg.parameters` are positive. For SymPy they differ.
     """
     by_name = {p.name: p for p in parameters}
     others = {s: by_name[s.name] for s in value.free_symbols if s.name in by_name and s not in parameters}
@@ -284,7 +295,7 @@ def in_own_parameters(value: Any, parameters: Sequence[Any]) -> Any:
 
 
 _MEANT = {t.name: "time: use lg.t for time", "pi": "the constant: use sympy.pi for the constant"}
-"""Names that probably mean time or pi, with the spelling to use instead."""
+"""Names that probably mean time or pi, with the end of the message that says what to write instead."""
 
 
 def _check_clash(name: str, by_name: Mapping[str, Any]) -> None:
@@ -319,9 +330,10 @@ def check_rate(name: str, by_name: Container[str], what: str) -> None:
 def default_values(
     table: Mapping[Any, Any], symbols: dict[str, Any], frictions: Collection[str] = ()
 ) -> dict[Any, float]:
-    """Return {parameter: value} for a `table` of values. `symbols` are the parameters by name.
+    """Return {parameter: value} for a `table` of values by symbol or name. `symbols` are the parameters by name.
 
-    `frictions` are the names of coefficients of friction. Raises StatementError as `parameter_values` does.
+    `frictions` are the names of coefficients of friction. Raises StatementError for a value that is not a finite real
+    number, for a negative coefficient of friction or positive parameter, and for one parameter with two values.
     """
     values: dict[Any, float] = {}
     check_once([label_of(key) for key in table], "parameters")
@@ -332,10 +344,7 @@ def default_values(
 
 
 def _within(symbol: Any, value: float, frictions: Collection[str]) -> float:
-    """Return the value.
-
-    Raises StatementError below zero for a symbol declared positive or a coefficient of friction.
-    """
+    """Return `value`. Raises StatementError for a negative value of a positive symbol or a coefficient of friction."""
     if value < 0 and symbol.name in frictions:
         raise StatementError(f"the coefficient of friction {symbol.name} is {value:g}: give one that is not negative.")
     if value < 0 and symbol.is_nonnegative:

@@ -1,4 +1,7 @@
-"""Random states, times and parameters at which terms rarely vanish or dominate, and the way onto constraints."""
+"""Random states, times and parameters, at which formulas are tested; projection of states onto constraints.
+
+The samples have typical magnitudes, so that terms of the equations rarely vanish or dominate.
+"""
 
 from __future__ import annotations
 
@@ -18,23 +21,25 @@ from lagrange.statement.expression import parts_first
 from lagrange.statement.statement import Statement
 
 ORDINARY = math.log(300.0)
-"""Logarithm of the largest size that counts as 1: samples of order one suit sizes from 1/300 to 300."""
+"""Natural logarithm of the largest magnitude that counts as 1. Samples of order one suit magnitudes from 1/300 to
+300."""
 
 EXTREME = math.log(1e100)
-"""Logarithm of the largest size. Sizes stay within 1e-100 and 1e100, so that their squares are doubles."""
+"""Natural logarithm of the largest magnitude. Magnitudes stay within 1e-100 and 1e100, so that their squares are
+doubles."""
 
 Form = dict[Any, float]
-"""A monomial as a dict: the power of each symbol, and under `UNIT` the logarithm of the coefficient."""
+"""Monomial: the power of each symbol, and under the key `UNIT` the natural logarithm of the coefficient."""
 
 UNIT = sympy.S.One
 
 
 @dataclass(frozen=True)
 class _Row:
-    """An equation which says that a product of powers of magnitudes is 1.
+    """Equation that sets a product of powers of magnitudes to 1.
 
-    `unknowns` has the powers of the unknown magnitudes by index, and `known` the powers of other symbols. `unit` is
-    the logarithm of the coefficient.
+    `unknowns` has the powers of the unknown magnitudes by index, and `known` the powers of other symbols. `unit` is the
+    natural logarithm of the coefficient.
     """
 
     unknowns: dict[int, float]
@@ -45,8 +50,8 @@ class _Row:
 class Scales:
     """Typical magnitudes of the coordinates and velocities of a statement, for any values of its parameters.
 
-    Assumption: terms of a sum have equal magnitudes, and arguments of functions have magnitude 1. This gives linear
-    equations for the logarithms of the magnitudes.
+    Assumption: all terms of a sum have the same magnitude, and arguments of functions have magnitude 1. These are
+    linear equations for the logarithms of the magnitudes.
     """
 
     def __init__(self, statement: Statement) -> None:
@@ -67,13 +72,13 @@ class Scales:
     def sizes(self, parameters: Mapping[Any, float], start: Sequence[float] = ()) -> tuple[float, ...]:
         """Return typical magnitudes (2n,) of coordinates and velocities, for these values of the parameters.
 
-        Magnitudes between 1/300 and 300 are returned as 1. Magnitudes that the equations do not determine are those
-        of the entries of the state `start`, or 1.
+        Magnitudes between 1/300 and 300 are returned as 1. If the equations do not determine a magnitude, it is that of
+        the same entry of the state `start`, or 1 if there is no `start` or the entry is zero.
         """
         logarithms = {p: math.log(abs(x)) for p, x in parameters.items() if x and math.isfinite(x)}
         rows: list[tuple[dict[int, float], float]] = []
         for row in self._rows:
-            # A row is left out if one of its symbols has no size.
+            # A row is left out if one of its parameters is zero or has no value.
             unit = row.unit + sum(power * logarithms.get(symbol, math.nan) for symbol, power in row.known)
             if math.isfinite(unit):
                 rows.append((row.unknowns, unit))
@@ -98,7 +103,7 @@ class Scales:
         if isinstance(node, sympy.Pow) and node.exp.is_number:
             return {symbol: power * float(node.exp) for symbol, power in parts[0].items()}
         if isinstance(node, (sympy.Abs, sympy.Max, sympy.Min, sympy.Add, *RELATIONS)):
-            # Terms of a sum shall be equally large: each as large as the first one, preferably a term without unknowns.
+            # Terms of a sum get the magnitude of the first one, preferably a term without unknowns.
             parts.sort(key=lambda part: any(symbol in self._index for symbol in part))
             self._monomials += [_product([part, {s: -power for s, power in parts[0].items()}]) for part in parts[1:]]
             return parts[0]
@@ -108,7 +113,7 @@ class Scales:
 
 
 def children(node: Any) -> tuple[Any, ...]:
-    """Return the operands of a node: none for leaves; values and conditions alternate for a Piecewise."""
+    """Return the operands of a node. A leaf has none; for a Piecewise, values and conditions alternate."""
     if isinstance(node, (AppliedUndef, sympy.Derivative, sympy.Symbol)):
         return ()
     if isinstance(node, sympy.Piecewise):
@@ -121,7 +126,7 @@ RELATIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, symp
 
 
 def _product(parts: Sequence[Form]) -> Form:
-    """Return the product of monomials."""
+    """Return the product of monomials as a monomial."""
     product: Form = {}
     for part in parts:
         for symbol, power in part.items():
@@ -130,10 +135,10 @@ def _product(parts: Sequence[Form]) -> Form:
 
 
 class _Solution:
-    """Solves linear equations for the logarithms of magnitudes, one unknown after another.
+    """Solver of linear equations for the logarithms of magnitudes, one unknown after another.
 
-    A row (powers, unit) is the equation sum of power * unknown + unit = 0; `powers` maps indices of unknowns to powers.
-    `sizes` has the known logarithms. An equation gives its last unknown as soon as all others are known.
+    A row (powers, unit) is the equation: sum of power * unknown, plus unit, is 0. `powers` maps indices of unknowns to
+    powers. `sizes` has the logarithms found so far. An equation gives its last unknown as soon as all others are known.
     """
 
     def __init__(self, rows: Sequence[tuple[Mapping[int, float], float]]) -> None:
@@ -150,7 +155,7 @@ class _Solution:
                     self.settle(unknown, -unit / power)
 
     def settle(self, unknown: int, size: float) -> None:
-        """Set the logarithm `size` of an unknown, unless it is known, and compute the unknowns that follow from it."""
+        """Set the logarithm of an unknown to `size` unless it is known. Compute the unknowns that follow from it."""
         if unknown in self.sizes:
             return
         self.sizes[unknown] = size
@@ -162,7 +167,7 @@ class _Solution:
                     fresh += self._last(k)
 
     def _last(self, k: int) -> list[int]:
-        """Compute the last unknown of equation `k`. Return [its index], or [] if it was already known."""
+        """Compute the last unknown of equation number `k`. Return [its index], or [] if it was already known."""
         powers, unit = self._rows[k]
         last = [unknown for unknown in powers if unknown not in self.sizes]
         for unknown in last:
@@ -173,7 +178,10 @@ class _Solution:
 
 @dataclass(frozen=True)
 class SamplePoint:
-    """A state, a time and a value for every parameter; `kind` is a phrase that says how they were chosen."""
+    """State (q, v), time t and values of all parameters, at which formulas are evaluated.
+
+    `kind` is a phrase on how the point was chosen, for messages.
+    """
 
     q: tuple[float, ...]
     v: tuple[float, ...]
@@ -182,7 +190,10 @@ class SamplePoint:
     kind: str
 
     def describe(self, names: Sequence[str], digits: int = 17) -> str:
-        """Return the point as ``theta = 0.3, theta_dot = -1.2, t = 0.5, m = 1`` in the user's symbols."""
+        """Return the point as text for messages: ``theta = 0.3, theta_dot = -1.2, t = 0.5, m = 1``.
+
+        `names` are those of the coordinates, and `digits` is the number of significant digits.
+        """
         pairs = [*zip(names, self.q, strict=True), *((f"{a}_dot", x) for a, x in zip(names, self.v, strict=True))]
         pairs += [("t", self.t), *((p.name, x) for p, x in self.parameters.items())]
         return ", ".join(f"{name} = {float(value):.{digits}g}" for name, value in pairs)
@@ -192,7 +203,7 @@ class SamplePoint:
 class SampleKind:
     """Rule for random points. `state` is "initial", for states near the initial one, or "order one".
 
-    `parameters` is "default", "near default" or "order one".
+    `parameters` is "default", "near default" or "order one". `name` describes the rule in messages.
     """
 
     name: str
@@ -207,7 +218,7 @@ SAMPLE_KINDS = (
     SampleKind("near the initial state, parameters near their defaults", "initial", "near default"),
     SampleKind("everything of order one", "order one", "order one"),
 )
-"""Kinds of points, used in turn.
+"""Kinds of random points, used in turn.
 
 Numbers near the initial state are those of actual runs. With everything of order one, no term is 20 orders of magnitude
 smaller than another, as a planet's is beside the sun's in SI units. Parameters away from their defaults distinguish m1
@@ -215,25 +226,25 @@ from m2 if both are 1, and show terms with a parameter c = 0.
 """
 
 DRAWS_PER_KIND = 40
-"""Number of draws of one kind of point before the next kind is tried."""
+"""Number of points of one kind that are tried before the next kind."""
 
 
 Move = tuple[float, float, float]
-"""(x, r, s): an entry x of a state is moved to x + s r, with a random number r and a size s."""
+"""(x, r, s): an entry of a state is x + s r, where x is the old entry or 0, r a random number and s a magnitude."""
 
 
 _scales_of = lru_cache(maxsize=4)(Scales)
-"""Typical magnitudes of a statement, from a cache, because an analysis creates hundreds of samplers."""
+"""Return the typical magnitudes of a statement. Cached, because an analysis creates hundreds of samplers."""
 
 
 @lru_cache(maxsize=16)
 def _sizes(statement: Statement, parameters: tuple[float, ...], start: tuple[float, ...]) -> tuple[float, ...]:
-    """Return typical magnitudes (2n,), from a cache, because samplers with the same seed draw the same parameters."""
+    """Return typical magnitudes (2n,). Cached, because samplers with the same seed draw the same parameters."""
     return _scales_of(statement).sizes(dict(zip(statement.parameters, parameters, strict=True)), start)
 
 
 class Sampler:
-    """Random points of a statement, the same for the same seed."""
+    """Generator of random points of a statement. The same seed gives the same points."""
 
     def __init__(self, statement: Statement, seed: int) -> None:
         self.statement = statement
@@ -242,7 +253,10 @@ class Sampler:
         self._initial = (statement.initial[:n], statement.initial[n:])
 
     def point(self, kind: SampleKind, attempt: int = 0) -> SamplePoint:
-        """Return a random point of a kind. Points near the initial state approach it as `attempt` grows."""
+        """Return a random point of a kind. Points near the initial state get closer to it after each four attempts.
+
+        `attempt` is the number of points that were drawn before.
+        """
         near = kind.state == "initial"
         if near:
             spread = 0.3 * 0.1 ** (attempt // 4)
@@ -256,12 +270,12 @@ class Sampler:
         return SamplePoint(q, v, self._within(t), parameters, kind.name)
 
     def initial(self) -> SamplePoint:
-        """Return the initial state itself, at t = 0 with the default parameters."""
+        """Return the initial state at t = 0, with the default parameters."""
         q, v = self._initial
         return SamplePoint(q, v, self._within(0.0), self._parameters("default"), "the initial state")
 
     def far(self) -> SamplePoint:
-        """Return a point with numbers of very different magnitudes, to reach branches that are rarely taken."""
+        """Return a point with numbers of very different magnitudes, to test branches that are rarely taken."""
         moves = [
             [(x if self._draw.random() < 0.5 else 0.0, self._of_order_one() * self._magnitude(), 1.0) for x in values]
             for values in self._initial
@@ -276,21 +290,20 @@ class Sampler:
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return q and v of a random state. An entry with the move (x, r, s) is x + s r.
 
-        x is an entry of a state, r a random number, and s a size. `moves` has the moves of q and those of v. An entry
-        of `scales` (2n,) that is not 1 replaces s.
+        `moves` has the moves of q and those of v. Each of the `scales` (2n,) that is not 1 replaces s of its entry.
         """
         every = zip([*moves[0], *moves[1]], scales, strict=True)
         state = tuple(entry + (size if scale == 1.0 else scale) * x for (entry, x, size), scale in every)
         return state[: len(moves[0])], state[len(moves[0]) :]
 
     def _within(self, t: float) -> float:
-        """Return t if the given functions of time are defined there, else a time within their span."""
+        """Return t if the given functions of time are defined there, else another time at which they are."""
         first, last = self.statement.span
         return t if first <= t <= last else first + (last - first) * (0.2 + 0.6 * t / (1.0 + t))
 
     def _near(self, values: Sequence[float], spread: float) -> list[Move]:
         largest = max(1.0, *map(abs, values))
-        # An entry that is zero gets a random size between 1 and the largest entry.
+        # An entry that is zero moves by a random magnitude between 1 and the largest entry.
         sizes = [abs(x) or 10.0 ** self._draw.uniform(0.0, math.log10(largest)) for x in values]
         moves = [spread * self._of_order_one() for _ in values]
         return [
@@ -320,13 +333,13 @@ class Sampler:
 
 
 MOST_DRAWS = 16
-"""Largest number of random states tried, since a formula may have no value at some."""
+"""Largest number of random states at which a formula is tested. It may have no value at some of them."""
 
 ALL_KINDS = (*SAMPLE_KINDS[1:4], SAMPLE_KINDS[0])
-"""Kinds of random states, used in turn: those of order one come first."""
+"""Kinds of random states, used in turn: states of order one come first."""
 
 NEAR_INITIAL = (SAMPLE_KINDS[3],)
-"""States near the initial one, where a formula may hold that holds on one branch alone."""
+"""Kind of states near the initial one, for formulas that hold on one branch only."""
 
 Point = TypeVar("Point")
 Value = TypeVar("Value")
@@ -335,7 +348,7 @@ Value = TypeVar("Value")
 def random_points(
     statement: Statement, seed: int, draws: int = MOST_DRAWS, kinds: Sequence[SampleKind] = ALL_KINDS
 ) -> Iterator[SamplePoint]:
-    """Yield `draws` random points: states with times and parameters, of each kind in turn.
+    """Yield `draws` random points: states with times and parameters, of each of the `kinds` in turn.
 
     The same `seed` gives the same points.
     """
@@ -344,12 +357,15 @@ def random_points(
 
 
 def usable(samples: Iterable[Point], value: Callable[[Point], Value | None]) -> Iterator[Value]:
-    """Yield the values of a function at samples; a sample where the value is None is skipped."""
+    """Yield the values of the function `value` at samples. A sample where the value is None is skipped."""
     return (result for result in map(value, samples) if result is not None)
 
 
 def holds(samples: Iterable[Point], judge: Callable[[Point], bool | None], count: int) -> bool | None:
-    """Return True if `judge` is true at `count` samples, False after a False, None if too few samples have a value."""
+    """Return True if `judge` is true at `count` samples, and False as soon as it is false at one.
+
+    Samples where `judge` returns None do not count. The result is None if too few other samples exist.
+    """
     judged = 0
     for verdict in islice(usable(samples, judge), count):
         if not verdict:
@@ -359,7 +375,8 @@ def holds(samples: Iterable[Point], judge: Callable[[Point], bool | None], count
 
 
 CORRECTIONS = 40
-"""Largest number of Newton corrections of a state. Near the constraints each doubles the number of correct digits."""
+"""Largest number of Newton corrections of a state. Near the constraints each correction doubles the number of correct
+digits."""
 
 Numbers = list[Any]
 
@@ -373,10 +390,10 @@ def onto_constraints(
 ) -> tuple[Numbers, Numbers] | None:
     """Return q and v moved onto the constraints by the shortest Newton corrections; None if they do not converge.
 
-    `residuals_at(level, q, v)` returns residuals (m,) and the rows of their gradient (m, n). At level 0 the residuals
-    are those of the coordinates, which are moved first, and at level 1 those of the velocities. `solve` solves m linear
-    equations. The last correction is at most `tolerance`, relative to 1 or to the entries. Errors of the two functions
-    are passed on.
+    `residuals_at(level, q, v)` returns residuals (m,) and the rows of their gradient (m, n). At level 0 these are
+    residuals of the coordinates, which are moved first, and at level 1 of the velocities. `solve` solves m linear
+    equations. The last correction is at most `tolerance`, relative to 1 or to the entries. Exceptions of the two
+    functions are passed on.
     """
     state = [q, v]
     for level in (0, 1):

@@ -1,8 +1,8 @@
-"""Rotations in space as part of a statement: R in SO(3), by the four entries of a quaternion of length one.
+"""Rotations R in SO(3) as part of a statement: `lagrange.rotation`, with a quaternion of length one as coordinates.
 
-The entries are coordinates of the system. R and its rates do not depend on the length of the quaternion, so no force
-changes this length. `with_length` adds an inertia for it. The length then stays constant without a constraint.
-Source: D. T. Greenwood, Advanced Dynamics, 2003, section 3.1.
+R and its rates do not depend on the length of the quaternion, so no force changes this length. `with_length` adds an
+inertia for it. The length then stays constant without a constraint. Source: D. T. Greenwood, Advanced Dynamics, 2003,
+section 3.1.
 """
 
 from __future__ import annotations
@@ -71,13 +71,12 @@ def _refusal(instead: str) -> Callable[..., NoReturn]:
 
 
 class Rotation(NonScalar):
-    """A rotation R in SO(3), from the axes of a body to those of space, made by `lagrange.rotation`.
+    """Rotation R in SO(3), from the axes of a body to those of space, made by `lagrange.rotation`.
 
     `body` and `space` are its rates about the axes of the body and of space, each a vector of three expressions. `R *
     v` is a vector v of the body in the axes of space, `R.T * v` a vector of space in the axes of the body, and `R[i,
-    j]` an entry of the matrix. `quaternion` are the four coordinates: the scalar, then the vector. `turns` are
-    quasi-coordinates: small rotations about the axes of the body, whose rates are `body`. Derivations are written in
-    them.
+    j]` an entry of the matrix. `quaternion` has the four coordinates: the scalar, then the vector. `turns` are
+    quasi-coordinates: small rotations about the axes of the body, whose rates are `body`. Derivations use them.
     """
 
     _op_priority = 100.0
@@ -163,7 +162,7 @@ class Rotation(NonScalar):
 def rotation(name: str) -> Rotation:
     """Return the rotation `name`, from the axes of a body to those of space.
 
-    `R.body` and `R.space` are its rates about these axes, `R*v` is a turned vector, `R.T*v` the vector turned back, and
+    `R.body` and `R.space` are its rates about these axes, `R*v` is a rotated vector, `R.T*v` a vector rotated back, and
     `R[i, j]` an entry of the matrix. A System contains it through the four coordinates of its quaternion, such as R_w.
     Raises StatementError for a name that is not an identifier.
     """
@@ -173,11 +172,11 @@ def rotation(name: str) -> Rotation:
 
 
 rotation_of = cache(Rotation)
-"""The rotation of a name, as `rotation` returns it, without entering it in the order of declaration."""
+"""Return the rotation of a name, as `rotation` does, without recording it in the order of declaration."""
 
 
 def shorthands(rotations: Iterable[str]) -> dict[str, Any]:
-    """Return {name: function of time} of the entries and rates of rotations, such as R_xx, R_body_x, R_space_x."""
+    """Return {name: function of time} for all entries and rates of rotations, such as R_xx, R_body_x and R_space_x."""
     turned = map(rotation_of, rotations)
     return {name_of(f): f for each in turned for f in (*each.matrix, *each.body, *each.space)}
 
@@ -186,13 +185,12 @@ def shorthands(rotations: Iterable[str]) -> dict[str, Any]:
 def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
     """Return `state`, a table of values, with quaternions and their velocities in place of rotations and rates.
 
-    Keys of `state` are coordinates, velocities, rotations R, and rates such as R.body or R.body[2]. The value
-    of a rotation is a quaternion or a rotation matrix, that of R.body or R.space three numbers or expressions,
-    and that of any other key one. `values` has the present values of all coordinates and velocities. If `state`
-    gives no rates of a rotation that it turns, the present rates about the axes of the body stay. If it gives
-    some, the others about the same axes stay. `table` names the table in messages. Raises StatementError for a
-    value that is not a rotation, for rates about the axes of both body and space, and for a rotation given both
-    whole and by entries of its quaternion.
+    Keys of `state` are coordinates, velocities, rotations R, and rates such as R.body or R.body[2]. The value of a
+    rotation is a quaternion or a rotation matrix. The value of R.body or R.space is three numbers or expressions, and
+    of any other key one. `values` has the present values of all coordinates and velocities. A turned rotation without
+    rates in `state` keeps its rates about the axes of the body. Rates about axes that are not in `state` stay, if
+    others about the same axes are. `table` names the table in messages. Raises StatementError for a value that is not a
+    rotation, for rates about the axes of both body and space, and for a rotation given both whole and by entries.
     """
     plain, rates = split_rates(state, values, table)
     kind = {"initial": "the start", "the reset": "the reset"}.get(table, "the attitude")
@@ -240,7 +238,7 @@ def reset_of_coordinates(reset: Mapping[Any, Any]) -> dict[Any, Any]:
 def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values: Mapping[Any, Any]) -> None:
     """Set angular velocities of rotations in the m states (q, v), an array (m, 2n), in place.
 
-    `values` maps rates such as R.body[2] to m numbers. Other rates about the same axes stay.
+    `values` maps rates such as R.body[2] to m numbers. Other rates about the same axes do not change.
     """
     for each, rows, moving in quaternion_rows(coordinates) if values else ():
         for rates, rates_of in ((each.body, body_rates), (each.space, space_rates)):
@@ -255,11 +253,11 @@ def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values:
 def split_rates(
     table: Mapping[Any, Any], coordinates: Iterable[Any], label: str, what: str = ""
 ) -> tuple[dict[Any, Any], dict[Any, list[Any]]]:
-    """Split a table by keys: return its entries other than rates of rotations, and {vector of rates: three values}.
+    """Return the entries of a table that are not rates of rotations, and {vector of rates: three values} for the rates.
 
     Keys for rates are R.body, R.space and their names with three values, and rates such as R.body[2] or "R_body_z". A
-    value that is not given is None. In messages `label` names the table, and `what` precedes the name of a rate.
-    Raises StatementError for other vectors, for entries of a rotation's matrix and for repeated keys.
+    missing value is None. In messages `label` names the table, and `what` precedes the name of a rate. Raises
+    StatementError for other vectors, for entries of a rotation's matrix and for repeated keys.
     """
     components: dict[Any, tuple[Any, Sequence[int]]] = {}
     wholes: dict[str, Any] = {}
@@ -298,7 +296,7 @@ def split_rates(
 
 
 STRETCH = 1e-4
-"""Largest deviation of the length of a quaternion from one at a start, and largest share of its velocity along itself.
+"""Largest deviation from one of the length of a quaternion at a start, and largest share of its velocity along itself.
 
 A long run at loose tolerances ends with a deviation of 1e-5.
 """
@@ -335,7 +333,10 @@ def quaternion_rows(coordinates: tuple[Any, ...]) -> list[tuple[Rotation, list[i
 
 @lru_cache(maxsize=256)
 def _rotations_of(coordinates: tuple[Any, ...]) -> tuple[Rotation, ...]:
-    """Return the rotations whose quaternions are in `coordinates`. Raises StatementError for an incomplete one."""
+    """Return the rotations whose quaternions are in `coordinates`.
+
+    Raises StatementError for an incomplete quaternion.
+    """
     names = dict.fromkeys(name for name in map(rotation_name, coordinates) if name is not None)
     for each in map(rotation_of, names):
         if missing := [name_of(q) for q in each.quaternion if q not in coordinates]:
@@ -344,7 +345,7 @@ def _rotations_of(coordinates: tuple[Any, ...]) -> tuple[Rotation, ...]:
 
 
 def in_symbols(names: Iterable[str], rotations: Iterable[str]) -> list[str]:
-    """Return the `names` of a state for a message: R and R.body replace quaternion entries and their velocities."""
+    """Return the `names` of a state for a message, with R and R.body in place of quaternion entries and their rates."""
     known = symbols_of_entries(rotations)
     return [*(name for name in names if name not in known), *dict.fromkeys(known.values())]
 
@@ -361,11 +362,11 @@ def is_scalar(coordinate: Any) -> bool:
     return name is not None and coordinate == rotation_of(name).quaternion[0]
 
 
-TORQUES = "forces", "the torque on "  # Words of messages on torques: name of the table, prefix of the name of a rate
+TORQUES = "forces", "the torque on "  # For messages on torques: name of the table, and prefix of the name of a rate
 
 
 def forces_on_coordinates(forces: Any, coordinates: Iterable[Any]) -> Any:
-    """Return a table of forces with generalized forces on coordinates in place of the torques on rotations.
+    """Return a table of forces with generalized forces on coordinates in place of torques on rotations.
 
     Torques are given for rates about the axes of the body, R.body, or of space, R.space. The generalized force on an
     entry of the quaternion is the sum of each torque times the derivative of its rate by the velocity of the entry.
@@ -397,8 +398,8 @@ def reading(
     """Return the fields of a statement in which small rotations replace quaternions, for readable derivations.
 
     Its expressions contain rates about the axes of the bodies and entries of R. `energies` are L, or T and V, and
-    `zeros` the expressions of the constraints. They, `forces` and `dissipation` are as the user typed them. `names`
-    are those of the rotations. Returns None if a typed expression contains an entry of a quaternion.
+    `zeros` the expressions of the constraints. Energies, constraints, `forces` and `dissipation` are as the user typed
+    them. `names` are the names of the rotations. Returns None if a typed expression contains an entry of a quaternion.
     """
     turned = list(map(rotation_of, names))
     replacements: dict[Any, Any] = {}
@@ -436,13 +437,13 @@ def reading(
     }
 
 
-_SINGULAR = (sympy.nan, sympy.zoo, sympy.oo, -sympy.oo, sympy.DiracDelta)  # in expressions without a finite value
+_SINGULAR = (sympy.nan, sympy.zoo, sympy.oo, -sympy.oo, sympy.DiracDelta)  # Marks of singular expressions
 
 
 def _check_smooth_at_rest(rotation: Rotation, potential: Any, drag: Any, forces: Iterable[Any]) -> None:
     """Raise StatementError for V, dissipation or forces that are singular where the rates of a rotation are zero.
 
-    These expressions are in rates about the axes of body and space, and in entries of the rotation matrix.
+    These expressions contain rates about the axes of body and space, and entries of the rotation matrix.
     """
     plain, body = {rate: sympy.Dummy(real=True) for rate in (*rotation.body, *rotation.space)}, f"{rotation.name}.body"
     rates = tuple(plain.values())
@@ -460,9 +461,9 @@ def _check_smooth_at_rest(rotation: Rotation, potential: Any, drag: Any, forces:
 def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> dict[Any, Any]:
     """Return accelerations {coordinate: expression}, with quaternions in place of small rotations.
 
-    In the argument the rotation of each body is described by three small rotations about its axes. The accelerations
-    of the quaternions follow from dq/dt = q (s, w)/2, where w are the rates about the axes of the body and s = 2
-    |q|'/|q|, with |q|'' = 0. `names` are those of the rotations.
+    In the argument the rotation of each body is described by three small rotations about its axes. The accelerations of
+    the quaternions follow from dq/dt = q (s, w)/2, where w are the rates about the axes of the body and s = 2 |q|'/|q|,
+    with |q|'' = 0. `names` are the names of the rotations.
     """
     solved = {q: in_full(value) for q, value in accelerations.items()}
     for each in map(rotation_of, names):
@@ -477,8 +478,8 @@ def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> di
 def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
     """Return `formula` with rates about the axes of the body in place of rates about the axes of space.
 
-    `names` are the names of the rotations. The orthogonality of the rotation matrix is used where that makes the
-    expression shorter.
+    `names` are the names of the rotations. The orthogonality of the rotation matrix is used if it makes the formula
+    shorter.
     """
     rotations, replacements = list(map(rotation_of, names)), {}
     formula = formula.xreplace(
@@ -494,10 +495,7 @@ def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
 
 
 def explanation(name: str, values: Mapping[Any, float]) -> str:
-    """Return sentences that explain the symbols of the rotation `name`: entries, rates, small rotations and start.
-
-    `values` maps coordinates to initial values.
-    """
+    """Return sentences on the symbols of the rotation `name`, with its quaternion from the initial `values`."""
     matrix = f"{name}_xx to {name}_zz are the entries of the rotation {name}."
     rates, turns = (listing(f"{name}_{kind}_{axis}" for axis in AXES) for kind in ("body", "turn"))
     start = ", ".join(f"{values[q]:.6g}" for q in rotation_of(name).quaternion)
@@ -511,8 +509,8 @@ def explanation(name: str, values: Mapping[Any, float]) -> str:
 def start_in_turns(names: Iterable[str], coordinates: Iterable[Any], initial: Mapping[Any, float]) -> tuple[float, ...]:
     """Return the initial state (q, v) with small rotations about the body axes in place of quaternions.
 
-    The small rotations start at zero. They are among the `coordinates`. `initial` maps the coordinates with
-    quaternions, and their velocities, to values. `names` are those of the rotations.
+    The small rotations, among the `coordinates`, start at zero. `initial` maps coordinates with quaternions, and
+    velocities, to values. `names` are the names of the rotations.
     """
     start = dict(initial)
     for each in map(rotation_of, names):
@@ -527,10 +525,10 @@ def start_in_turns(names: Iterable[str], coordinates: Iterable[Any], initial: Ma
 def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
     """Return a kinetic energy with an inertia for the length of each quaternion q, and the names of the rotations.
 
-    Without this inertia the mass matrix would be singular, since R and its rates do not depend on the length. The
-    added term is M (q . q')^2 / (2 q . q), where M is four times the mean moment of inertia. So the mass matrix is as
-    well conditioned as one in the rates. Other coordinates in M are replaced by one. An energy that already has the
-    term is not changed. Raises StatementError for a rotation without inertia, and for an incomplete quaternion.
+    Without this inertia the mass matrix would be singular, since R and its rates do not depend on the length. The added
+    term is M (q . q')^2 / (2 q . q), where M is four times the mean moment of inertia. So the mass matrix is as well
+    conditioned as one in the rates. Other coordinates in M are replaced by one. An energy that already has the term is
+    not changed. Raises StatementError for a rotation without inertia, and for an incomplete quaternion.
     """
     rotations = _rotations_of(tuple(coordinates))
     for each in rotations:
@@ -551,17 +549,17 @@ def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[st
 
 
 def without_inertia(name: str) -> str:
-    """Return the message for the rotation `name`, if the kinetic energy gives it no inertia at rest."""
+    """Return the message for a rotation `name` that has no kinetic energy at rest."""
     return (
         f"the kinetic energy gives {name} no inertia at rest: add its energy, such as {name}.body.dot(J*{name}.body)/2."
     )
 
 
 def _inertia(kinetic: Any, each: Rotation, *, still: bool = True) -> list[list[Any]]:
-    """Return d2T/dv2 (4, 4) at the identity rotation, where v are the velocities of a rotation's quaternion.
+    """Return d2T/dv2 (4, 4) at the identity rotation `each`, where v are the velocities of its quaternion.
 
-    The other coordinates are one, and all velocities zero. If the body is not `still`, the velocities of its
-    quaternion are symbols instead. `each` is the rotation.
+    The other coordinates are one, and all velocities zero. If `still` is false, the velocities of the quaternion are
+    symbols instead.
     """
     identity = {q: sympy.Integer(q == each.quaternion[0]) for q in each.quaternion}
     others = [f for f in kinetic.atoms(AppliedUndef) if f not in identity and f.args == (t,)]
@@ -574,7 +572,7 @@ def _inertia(kinetic: Any, each: Rotation, *, still: bool = True) -> list[list[A
 
 @lru_cache(maxsize=64)
 def inertia_in_parameters(kinetic: Any, name: str) -> list[list[Any]] | None:
-    """Return the inertia matrix of the rotation `name` about the axes of its body, (3, 3), in parameters.
+    """Return the inertia matrix (3, 3) of the rotation `name` about the axes of its body, as expressions in parameters.
 
     Returns None if it contains anything but parameters, if the rates are coupled to other velocities, or if the energy
     is not quadratic in the rates: then it is not the inertia of a single rigid body.
@@ -588,9 +586,9 @@ def inertia_in_parameters(kinetic: Any, name: str) -> list[list[Any]] | None:
 
 
 def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
-    """Raise StatementError if the moments of inertia of a rotation break the triangle inequality.
+    """Raise StatementError if the moments of inertia of the rotation `name` break the triangle inequality.
 
-    They are computed from the kinetic energy with the parameters' `values`. Without all values nothing is checked.
+    They follow from the kinetic energy with the parameters' `values`. If a value is missing, nothing is checked.
     """
     rows = inertia_in_parameters(kinetic, name)
     if rows is None or any(entry.free_symbols.difference(values) for row in rows for entry in row):

@@ -1,7 +1,7 @@
-"""Settings of a run that a scene may state, with defaults such as that of rtol, and the time limit of compiling.
+"""Settings of a run that a scene may state, their defaults such as rtol, and the time limit for deriving and compiling.
 
-All options of a run, such as atol and max_steps, are in `RunOptions`, lagrange/trajectory/integrator.py.
-Loops that derive or compile, and may take long, call `check_time`.
+All options of a run, such as atol and max_steps, are in `RunOptions`, lagrange/trajectory/integrator.py. Loops that
+derive or compile, and may take long, call `check_time`.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from typing import Any
 
 from lagrange.errors import LagrangeError
 
-DEFAULT_T_END = 10.0  # Time at which a run ends if neither its caller nor its scene states one
+DEFAULT_T_END = 10.0  # End time of a run if neither its caller nor its scene states one
 
 
 DEFAULT_METHOD = "taylor"
-"""Name of the integrator of a run for which neither its caller nor its scene names one.
+"""Name of the integrator of a run if neither its caller nor its scene names one.
 
-At errors of 1e-6 and below it needs the least time of the methods here (docs/benchmarks/race.md).
+At errors of 1e-6 and below it needs the least time of all methods in the package (docs/benchmarks/race.md).
 """
 
 DEFAULT_RTOL = 1e-9
-"""The relative tolerance of an adaptive method for which neither the caller nor the scene of a run states one.
+"""Relative tolerance of an adaptive method if neither the caller nor the scene of a run states one.
 
-On the double pendulum over 20 s, started at 30 degrees each, DOP853 then ends within 5e-9 of a run at 1e-13, in 0.5 ms.
-At 1e-6 the difference would be 1e-5; SciPy's default is 1e-3.
+On the double pendulum over 20 s, with both angles 30 degrees at the start, DOP853 then ends within 5e-9 of a run at
+1e-13, in 0.5 ms. At 1e-6 the difference would be 1e-5; SciPy's default is 1e-3.
 """
 
 REDUCTIONS = ("max", "min", "mean")
-"""Names of the reductions of an expression along the run of a member of an ensemble."""
+"""Names of functions that reduce the values of an expression along a run of an ensemble to one number."""
 
 DESCRIPTIONS = {
     "t_end": f"time at which the run ends (default: that of the scene, or {DEFAULT_T_END:g})",
@@ -41,12 +41,16 @@ DESCRIPTIONS = {
     "atol": "absolute tolerance of an adaptive method; by default it follows the size of each entry",
     "step": "step of a method with equal steps",
 }
-"""Descriptions of the settings, by name."""
+"""Descriptions of the settings of a run, by name."""
 
 
 @dataclass(frozen=True)
 class RunSettings:
-    """Settings of a run that a scene states. Arguments of a call override them. `events` is a tuple of `Event`."""
+    """Settings of a run that a scene states. Arguments of a call override them.
+
+    `t_end` is in the unit of time of the system. None means the default of the method or run. `events` is a tuple of
+    `Event`.
+    """
 
     t_end: float = DEFAULT_T_END
     method: str | None = None
@@ -57,17 +61,18 @@ class RunSettings:
 
 
 COMPILE_SECONDS = 5.0
-"""Seconds that preparation may take even if `max_wall` is smaller: compiled code serves many runs."""
+"""Least time limit of the preparation of a run, in seconds, even if `max_wall` is smaller, since compiled code serves
+many runs."""
 
 CHECKED_EVERY = 512
-"""Number of nodes, rules or instructions between two checks of the clock: some 5 ms of work."""
+"""Number of nodes, rules or instructions between two checks of the clock: about 5 ms of work."""
 
 
 class PreparationTooLongError(LagrangeError):
-    """Deriving or compiling took longer than the time limit.
+    """Error: deriving or compiling took longer than the time limit.
 
-    `model` is the model that was to run, None before its equations are known. It is not a RunError, since some
-    callers treat a RunError as a missing value.
+    `model` is the model that was to run, None before its equations are known. It is not a RunError, since some callers
+    treat a RunError as a missing value.
     """
 
     model: Any = None
@@ -77,15 +82,15 @@ _LIMIT: ContextVar[tuple[float, float] | None] = ContextVar("begin and time limi
 
 
 def preparation(began: float, seconds: float | None) -> AbstractContextManager[None]:
-    """Context that limits the time for deriving and compiling before a run to `seconds` after `began`.
+    """Return a context manager that limits the time for deriving and compiling before a run to `seconds` after `began`.
 
-    The limit ends with the block or when `preparation_ends` is called. None sets no limit, and less than
-    `COMPILE_SECONDS` counts as that time.
+    `began` is a time of `time.perf_counter`. The limit ends with the block or when `preparation_ends` is called. None
+    sets no limit, and less than `COMPILE_SECONDS` counts as `COMPILE_SECONDS`.
     """
     return _UNLIMITED if seconds is None else _limited(began, seconds)
 
 
-_UNLIMITED = nullcontext()  # A block without a limit; short runs enter it
+_UNLIMITED = nullcontext()  # Context without a limit, used again for every short run
 
 
 @contextmanager
@@ -100,7 +105,7 @@ def _limited(began: float, seconds: float) -> Iterator[None]:
 def preparation_ends() -> None:
     """Remove the time limit of `preparation` in the current block, because the steps of the run begin.
 
-    Later compilation is not limited.
+    Later compilation in the block is not limited.
     """
     _LIMIT.set(None)
 

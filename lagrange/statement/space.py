@@ -1,4 +1,4 @@
-"""Vectors and matrices in space, and quaternions: products, rotation matrices, angular velocities, initial values."""
+"""Vectors, matrices and quaternions in space: products, rotation matrices, angular velocities, values of rotations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.statement.expression import TEXTS, NonScalar, as_typed, entries, r
 
 
 class SpaceMatrix(sympy.ImmutableMatrix):
-    """A vector or a matrix in space. In operations a tuple, list or array of three entries counts as a vector."""
+    """Vector or matrix in space. In its operations a tuple, list or array of three entries counts as a vector."""
 
     def __getitem__(self, index: Any) -> Any:
         try:
@@ -45,9 +45,9 @@ class SpaceMatrix(sympy.ImmutableMatrix):
         return super().__pow__(exponent)
 
     def _combined(self, operation: Callable[[Any], Any], other: Any) -> Any:
-        """Return the result of a matrix operation of this object with `other`, where a list counts as a vector.
+        """Return the result of a matrix operation of this object with `other`, which may be a list, tuple or array.
 
-        Tuples and arrays count as vectors too. Raises StatementError for shapes that do not fit.
+        Raises StatementError for shapes that do not fit.
         """
         second = in_space(other)
         try:
@@ -62,16 +62,19 @@ class SpaceMatrix(sympy.ImmutableMatrix):
                 f"a vector or matrix of shape {self.shape} does not fit one of shape {second.shape}: a.dot(b) and "
                 "a.cross(b) are the products of vectors in space, and a matrix is left of the vector."
             ) from None
-        except StatementError:  # A rotation refuses its place
+        except StatementError:  # `other` is a rotation, which refuses the operation
             raise
-        except ValueError:  # SymPy's SympifyError, and NaN
+        except ValueError:  # SymPy raises SympifyError, or ValueError for NaN
             raise StatementError(
                 f"{shown(other)} is neither a number nor a vector: give an expression, or three entries (x, y, z)."
             ) from None
 
 
 def in_space(value: Any) -> Any:
-    """Return a tuple, list or array as a vector, and any other value unchanged."""
+    """Return a tuple, list or array of three entries as a vector, and any other value unchanged.
+
+    Raises StatementError for other numbers of entries.
+    """
     if not isinstance(value, (tuple, list, np.ndarray)):
         return value
     parts = entries(value, "a vector in space")
@@ -86,7 +89,7 @@ Quaternion = tuple[Any, Any, Any, Any]
 
 
 class Turn(tuple[float, float, float, float]):
-    """A quaternion of length one, scalar first. The product a*b turns by b and then by a."""
+    """Quaternion of length one, scalar first. The product a*b rotates by b and then by a."""
 
     def __mul__(self, other: Any) -> Any:
         return Turn(product(self, other)) if isinstance(other, Turn) else super().__mul__(other)
@@ -104,14 +107,14 @@ def product(a: Sequence[Any], b: Sequence[Any]) -> Quaternion:
 
 
 def conjugate(q: Sequence[Any]) -> Quaternion:
-    """Return the conjugate of a quaternion: the inverse rotation."""
+    """Return the conjugate of a quaternion, which is the inverse rotation."""
     return q[0], -q[1], -q[2], -q[3]
 
 
 def length_excess(q: Sequence[Any]) -> Any:
-    """Return |q|**2 - 1 for a quaternion, scalar first.
+    """Return |q|**2 - 1 for a quaternion, scalar first, as an expression with small rounding errors.
 
-    |q|**2 itself would be rounded before 1 is subtracted, with the same rounding error at many steps of a run.
+    |q|**2 itself would be rounded before 1 is subtracted, with the same error at many steps of a run.
     """
     w, i, j, k = q
     return (w - 1) * (w + 1) + i**2 + j**2 + k**2
@@ -131,7 +134,7 @@ def matrix_of(q: Sequence[Any]) -> list[list[Any]]:
 def body_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, Any]:
     """Return the angular velocity about the axes of the body, three numbers or expressions.
 
-    `q` is a quaternion of any length and `velocities` are its time derivatives, four each.
+    `q` is a quaternion of any length, scalar first, and `velocities` are the time derivatives of its four entries.
     """
     twice = 2 / sum(entry**2 for entry in q)
     _, i, j, k = product(conjugate(q), velocities)
@@ -139,58 +142,59 @@ def body_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, A
 
 
 def space_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, Any]:
-    """Return the angular velocity about the axes of space, from a quaternion and its time derivatives, four each."""
+    """Return the angular velocity about the axes of space, from a quaternion and the derivatives of its entries."""
     twice = 2 / sum(entry**2 for entry in q)
     _, i, j, k = product(velocities, conjugate(q))
     return twice * i, twice * j, twice * k
 
 
 def velocities_at(q: Sequence[Any], rates: Sequence[Any], *, space: bool) -> Quaternion:
-    """Return the time derivatives of the entries of a quaternion `q`, from its three angular velocities `rates`.
+    """Return the time derivatives of the four entries of a quaternion `q`, from three angular velocities `rates`.
 
-    They are about the axes of space if `space` is true, else of the body.
+    If `space` is true, the rates are about the axes of space, else about those of the body.
     """
     w, i, j, k = product((0, *rates), q) if space else product(q, (0, *rates))
     return w / 2, i / 2, j / 2, k / 2
 
 
 def cross_matrix(vector: Sequence[Any]) -> Any:
-    """Return the matrix (3, 3) whose product with a vector x is the cross product `vector` x x."""
+    """Return the matrix (3, 3) whose product with a vector x is the cross product of `vector` with x."""
     a, b, c = vector
     return sympy.Matrix([[0, -c, b], [c, 0, -a], [-b, a, 0]])
 
 
 LARGEST_DEVIATION = 1e-9
-"""Largest deviation of a start from a rotation: of M^T M from the unit matrix, or of a quaternion's length from one."""
+"""Largest deviation of a user's value from a rotation: of M^T M from the unit matrix, or of a quaternion's length from
+one."""
 
 
 def turn(axis: ArrayLike, angle: float) -> Turn:
-    """Return the initial value of a rotation that is turned by an angle in radians about an axis of any length.
+    """Return the initial value of a rotation by `angle`, in radians, about `axis`, a vector of any length.
 
-    It is a quaternion of length one, scalar first. The product of two turns a*b turns by b and then by a. Raises
-    StatementError for an axis that is zero or not a vector of three numbers.
+    The result is a quaternion of length one, scalar first. The product a*b of two results rotates by b and then by a.
+    Raises StatementError for an axis that is zero or not a vector of three numbers.
     """
     parts = () if isinstance(axis, TEXTS) else entries(axis, "the axis") or [axis]
     along = np.array([real_number(part, "an entry of the axis") for part in parts])
     if along.shape != (3,) or not along.any():
         raise StatementError(f"the axis of a turn is {shown(axis)}: give three numbers that are not all zero, or lg.x.")
     half = real_number(angle, "the angle of a turn") / 2
-    # A power of two keeps all bits; the squares of very long and very short axes overflow or underflow.
+    # A power of two scales without rounding; the squares of very long and very short axes overflow or underflow.
     along = np.ldexp(along, -np.frexp(np.abs(along).max())[1])
     i, j, k = (float(part) for part in np.sin(half) * along / np.linalg.norm(along))
     return Turn((float(np.cos(half)), i, j, k))
 
 
 def quaternion_of(value: Any, what: str) -> Quaternion:
-    """Return the quaternion of a value of a rotation, which is a quaternion or a rotation matrix.
+    """Return the quaternion of a user's value of a rotation, which is a quaternion or a rotation matrix.
 
-    `what` names the value in messages, such as "the start of R". Raises StatementError, with the deviation, for a
-    value that is not a rotation.
+    `what` names the value in messages, such as "the start of R". Raises StatementError, with the deviation, for a value
+    that is not a rotation.
     """
     numbers = np.zeros(0)
     # SymPy raises any of these for an object that is not a number.
     with suppress(TypeError, ValueError, OverflowError, IndexError, RecursionError):
-        # A SymPy matrix has 9 entries. An array of a long sequence, such as range(10**9), would not fit into memory.
+        # A SymPy matrix has 9 entries. A longer sequence, such as range(10**9), might not fit into memory as an array.
         if not isinstance(value, Sized) or len(value) <= 9:
             numbers = np.array(value, dtype=object).astype(float)
     if numbers.shape not in ((4,), (3, 3)) or not np.isfinite(numbers).all():
@@ -218,7 +222,10 @@ def quaternion_of(value: Any, what: str) -> Quaternion:
 
 
 def of_length(what: str, size: float) -> str:
-    """Return the message for a quaternion `what`, such as "the start of R", whose length `size` is not one."""
+    """Return the message for a quaternion whose length is `size` instead of one.
+
+    `what` names it, such as "the start of R".
+    """
     return (
         f"{what} is a quaternion of length {size:.9g}: give one of length 1 with all digits, such as "
         "lagrange.turn(axis, angle)."
@@ -226,7 +233,7 @@ def of_length(what: str, size: float) -> str:
 
 
 def check_triangle(inertias: NDArray[np.float64], name: str) -> None:
-    """Raise StatementError if one of the inertia matrices (m, 3, 3) belongs to no body.
+    """Raise StatementError if one of the inertia matrices (m, 3, 3) is impossible for a body.
 
     No principal moment is negative, or larger than the sum of the two others. `name` is the rotation in the message.
     """

@@ -1,4 +1,4 @@
-"""Frozen dataclasses: the statement of a system, a link between two points, a constraint; and the units of values."""
+"""The record `Statement` with everything that a user stated about a system, and the units of its displayed values."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from lagrange.statement.units.dimension import Dimension, named, read_dimension
 ROD, SPRING, EDGE = "rod", "spring", "edge"
 KINDS = (ROD, SPRING, EDGE)
 
-CHORDS = 64  # Number of straight lines that draw a curved surface: they miss a circle by 1.2e-3 of its radius
+CHORDS = 64  # Number of straight lines that draw a curved surface. They miss a circle by 1.2e-3 of its radius.
 
 
 class Link(NamedTuple):
-    """A line from one named point to another, drawn as a rod, a spring, or an edge of a body. It exerts no force."""
+    """Line between two named points in pictures, drawn as a rod, a spring, or an edge of a body. It exerts no force."""
 
     start: str
     end: str
@@ -36,7 +36,7 @@ class Link(NamedTuple):
 
 
 def corners(links: Sequence[Link]) -> frozenset[str]:
-    """Return the names of the points at which only edges of shapes end.
+    """Return the names of points at which only edges of shapes end.
 
     Pictures show neither a mark nor a path of such points.
     """
@@ -45,13 +45,13 @@ def corners(links: Sequence[Link]) -> frozenset[str]:
 
 
 def friction_names(contacts: Sequence[Contact]) -> frozenset[str]:
-    """Return the names of the parameters that are coefficients of friction by themselves."""
+    """Return the names of the parameters that are coefficients of friction of `contacts`."""
     return frozenset(mu.name for each in contacts for mu in each.friction if mu.is_Symbol)
 
 
 @dataclass(frozen=True)
 class Constraint:
-    """An expression that is zero along the motion; `holonomic` if it is free of velocities."""
+    """Expression that is zero along the motion. `holonomic` is true if it contains no velocity."""
 
     name: str
     expression: Any
@@ -64,15 +64,16 @@ class Constraint:
 
 
 REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
-"""Treatment of constraints that follow from others: refuse them, or let them share the constraint forces."""
+"""Words for the treatment of constraints that follow from others: refuse them, or accept them, which share the
+forces."""
 
 
 @dataclass(frozen=True, eq=False)
 class Statement:
-    """A mechanical system as stated: n coordinates, their energies, forces, parameters and initial state.
+    """Mechanical system as stated: n coordinates, their energies, forces, parameters and initial state.
 
     Expressions are SymPy, in the coordinates q(t), their velocities Derivative(q(t), t), the parameters and t. `forces`
-    has one entry per coordinate, in the order of `coordinates`; `initial` holds (q, v), 2n numbers.
+    has one entry per coordinate, in the order of `coordinates`. `initial` has (q, v), 2n numbers.
 
     - `constraints` are expressions that stay zero. `redundant` refuses or allows constraints that follow from others.
     - `defaults` lacks the parameters without a value.
@@ -85,10 +86,9 @@ class Statement:
       are the last parameters.
     - `contacts` are gaps that stay positive, and `simultaneous` the law of impacts at one instant, or "".
     - `surfaces` are moving points by name; each runs along a line or a curve as `along` grows from 0 to 1.
-    - `rotations` are the names of rotations, whose quaternions are among the coordinates.
-      `reading` is the same statement for derivations: three small rotations about the axes of each body replace its
-      quaternion and are the last coordinates, and `entries` has the nine functions R_xx(t) to R_zz(t) of each
-      rotation.
+    - `rotations` are the names of rotations, whose quaternions are among the coordinates. `reading` is the same
+      statement for derivations: three small rotations about the axes of each body replace its quaternion and are the
+      last coordinates, and `entries` has the nine functions R_xx(t) to R_zz(t) of each rotation.
     - `inferred` are the names of undeclared functions of time in the energies, which were taken for coordinates.
     """
 
@@ -128,7 +128,7 @@ class Statement:
         return f"<Statement of {self.name}: {abridged(self.names)}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        # Cached properties are computed again.
+        # Cached properties are left out: they are computed again.
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def mapped(self, change: Callable[[Any], Any]) -> Statement:
@@ -156,7 +156,7 @@ class Statement:
 
     @cached_property
     def as_read(self) -> Statement:
-        """The statement in the form in which it is displayed.
+        """The statement in the form that is displayed.
 
         Quaternions and their velocities are replaced by small rotations and rates about the axes of the bodies. A
         statement without rotations, or with a quaternion entry in a typed expression, is unchanged.
@@ -167,45 +167,44 @@ class Statement:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The coordinates' names, n of them."""
+        """Names of the n coordinates."""
         return tuple(name_of(q) for q in self.coordinates)
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """The names of the 2n entries of a state: coordinates, then velocities with ``_dot``."""
+        """Names of the 2n entries of a state: coordinates, then velocities with the suffix ``_dot``."""
         return (*self.names, *(f"{name}_dot" for name in self.names))
 
     @property
     def applied(self) -> dict[Any, Any]:
-        """The forces by coordinate, in the form in which `lagrange.System` takes them.
+        """Forces by coordinate, as the argument `forces` of `lagrange.System` takes them.
 
-        In a statement with small rotations for quaternions, torques are given by the rates about the axes of the
-        body.
+        If small rotations replace quaternions, the keys for torques are the rates about the axes of the body.
         """
         return {getattr(q.func, RATE, q): force for q, force in zip(self.coordinates, self.forces, strict=True)}
 
     @property
     def lagrangian_alone(self) -> bool:
-        """True if the user stated the Lagrangian, and not T and V. Then `kinetic` is L and `potential` is zero."""
+        """True if the user stated the Lagrangian, and not T and V. Then `kinetic` is L, and `potential` is zero."""
         return bool(self.potential == 0 and self.kinetic == self.lagrangian)
 
     def highest(self, function: Any) -> int:
-        """Return the highest order of derivatives of a given function that equations contain.
+        """Return the order of the highest derivative of a given function that the equations may contain.
 
-        It is 2, or one more than the highest order in the statement.
+        It is one more than the highest order in the statement, and at least 2.
         """
         return max(2, self.orders[self.given.index(function)] + 1)
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time at which all given functions have values; -inf and inf without a table."""
+        """First and last time at which all given functions have values. They are -inf and inf without tables."""
         spans = [motion.span for motion in map(motion_of, self.given) if motion is not None]
         return max((first for first, _ in spans), default=-inf), min((last for _, last in spans), default=inf)
 
     def remarks(self) -> list[str]:
         """Return sentences on likely mistakes: unused parameters, and functions that were taken for coordinates.
 
-        With contacts, one more says that the equations hold between contacts.
+        If there are contacts, another sentence says that the equations hold between contacts.
         """
         said = []
         if unused := [p.name for p in self.unused]:
@@ -236,9 +235,9 @@ class Statement:
 
     @cached_property
     def surfaces_move(self) -> bool:
-        """True if the surface of a contact moves by itself, such as a belt, and may do work.
+        """True if the surface of a contact moves by itself, such as a belt, and so may do work.
 
-        The gap or the slip of such a contact changes with time where all velocities are zero.
+        The gap or the slip of such a contact changes with time even if all velocities are zero.
         """
         at_rest = dict.fromkeys(self.velocities, S.Zero)
         rates = [rate for contact in self.contacts for rate in (contact.gap.diff(t), *contact.slip)]
@@ -246,11 +245,14 @@ class Statement:
 
     @property
     def without_values(self) -> list[Symbol]:
-        """The parameters that have no default value."""
+        """Parameters that have no default value."""
         return [p for p in self.parameters if p not in self.defaults]
 
     def require_parameters(self, reason: str) -> None:
-        """Raise StatementError if a parameter has no default value. `reason` begins the message: "..., and"."""
+        """Raise StatementError if a parameter has no default value.
+
+        `reason` is the beginning of the message, which ends with ", and".
+        """
         if names := [p.name for p in self.without_values]:
             raise StatementError(
                 f"{reason} {listing(names)} {'has' if len(names) == 1 else 'have'} no value: state {self.name} with "
@@ -271,7 +273,7 @@ class Statement:
 
     @cached_property
     def outlines(self) -> dict[str, dict[str, tuple[Any, ...]]]:
-        """Sampled points of each surface, {surface: {"name[k]": point}}.
+        """Points that draw each surface, {surface: {"name[k]": point}}.
 
         A straight surface has its two ends, a curve points that are close together.
         """
@@ -285,12 +287,12 @@ class Statement:
 
     @cached_property
     def drawn(self) -> dict[str, tuple[Any, ...]]:
-        """Positions to draw, {name: point}: the named points, and the sampled points of the surfaces."""
+        """Positions to draw, {name: point}: the named points, and the points of the surfaces."""
         return {**self.positions, **{name: point for line in self.outlines.values() for name, point in line.items()}}
 
     @property
     def multiplier_names(self) -> list[str]:
-        """Names of all multipliers: those of constraints, then of contacts, where they are normal forces."""
+        """Names of all multipliers: first of constraints, then of contacts, whose multipliers are normal forces."""
         return [*(constraint.name for constraint in self.constraints), *(each.name for each in self.contacts)]
 
     def require_formulas(self) -> None:
@@ -302,7 +304,10 @@ class Statement:
             )
 
     def check_without_contacts(self, what: str) -> None:
-        """Raise StatementError with contacts; `what` names the result, which needs a motion without impacts."""
+        """Raise StatementError if the system has contacts, because a result is defined only without impacts.
+
+        `what` is the name of this result in the message.
+        """
         if self.contacts:
             names = listing(repr(each.name) for each in self.contacts)
             raise StatementError(
@@ -312,19 +317,19 @@ class Statement:
 
     @property
     def gaps(self) -> dict[Any, Any]:
-        """The gap of each contact by its symbol `lagrange.gap(name)`."""
+        """Gap of each contact, {symbol `lagrange.gap(name)`: expression}."""
         return {gap(each.name): each.gap for each in self.contacts}
 
     @property
     def known_motions(self) -> list[tuple[Any, Any] | str]:
-        """The given functions with values, each as (function, formula), or as a sentence if it is a table."""
+        """Given functions with values, each as a pair (function, formula), or as a sentence if it is a table."""
         motions = [(function, motion_of(function)) for function in self.given]
         pairs = [(function, motion.values) for function, motion in motions if motion and motion.values is not None]
         return [pair if isinstance(pair[1], Expr) else f"{name_of(pair[0])} is given by {pair[1]}." for pair in pairs]
 
     @cached_property
     def plain(self) -> Mapping[Any, Any]:
-        """Replacement {q(t), velocity or acceleration: real symbol `q`, `q_dot`, `q_ddot`}, for differentiation."""
+        """Replacement {q(t), velocity or acceleration: real symbol `q`, `q_dot` or `q_ddot`}, for differentiation."""
         table: dict[Any, Any] = {}
         for q, name in zip(self.coordinates, self.names, strict=True):
             table[q] = Symbol(name, real=True)
@@ -335,7 +340,7 @@ class Statement:
     def quote(self, expression: Any, most: int = 80) -> str:
         """Return an expression as text for a message, in plain names, cut to `most` characters.
 
-        Entries and rates of rotations have their names, such as R_zz, where the expression contains them whole.
+        Entries and rates of rotations are replaced by their names, such as R_zz, if the expression contains them whole.
         """
         for each in map(rotation_of, self.rotations):
             expression = expression.subs({in_full(f): f for f in (*each.matrix, *each.body, *each.space)})
@@ -347,12 +352,12 @@ class Statement:
 
 
 def has_units(statement: Statement) -> bool:
-    """Return True if any symbol was stated with a unit."""
+    """Return True if the dimension of any symbol was stated as a unit."""
     return any(dimension.unit for dimension in statement.dimensions.values())
 
 
 def unit_of(statement: Statement, name: str) -> str:
-    """Return the unit of a coordinate, a velocity such as x_dot, a parameter, or t; empty if it is not known."""
+    """Return the unit of `name`: a coordinate, a velocity such as x_dot, a parameter, or t. It is "" if not known."""
     if not has_units(statement):
         return ""
     if name == "t":
@@ -365,7 +370,7 @@ def unit_of(statement: Statement, name: str) -> str:
 
 
 def length_unit(statement: Statement) -> str:
-    """Return the unit of positions: the stated unit of a length, or that of a coordinate which is a length."""
+    """Return the unit of positions: the stated unit of a length, or of a coordinate that is a length, or ""."""
     if not has_units(statement):
         return ""
     length = named("length")
@@ -375,7 +380,7 @@ def length_unit(statement: Statement) -> str:
 
 
 def energy_unit(statement: Statement) -> str:
-    """Return the unit of energies: a stated one, J, or a product of the stated units of mass, length and time."""
+    """Return the unit of energies: a stated one, J, or a product of units of mass, length and time, or ""."""
     if not has_units(statement):
         return ""
     stated = _unit(statement, named("energy"))
@@ -387,9 +392,9 @@ def energy_unit(statement: Statement) -> str:
 
 
 def _unit(statement: Statement, dimension: Dimension | None) -> str:
-    """Return the unit of a dimension: the stated one, rad for an angle, else a unit with the same dimension.
+    """Return the unit of a dimension: its stated unit, rad for an angle, or another unit of the same dimension.
 
-    The latter is a unit that was stated for another symbol, or a common one such as cm. "" means that none fits.
+    The other unit is one that was stated for another symbol, or a common one such as cm. "" means that none fits.
     """
     if dimension is None or dimension.unit:
         return "" if dimension is None else dimension.unit
@@ -398,5 +403,5 @@ def _unit(statement: Statement, dimension: Dimension | None) -> str:
     stated = [known.unit for known in statement.dimensions.values() if known.unit and known.fits(dimension)]
     if stated or dimension.factor is None:
         return next(iter(stated), "")
-    # A unit that follows from others, such as cm from cm/s**2.
+    # A common unit may follow from a stated one, such as cm from cm/s**2.
     return next((name for name in ("m", "cm", "mm", "km", "ft", "kg", "g", "s") if named(name).fits(dimension)), "")
