@@ -1,7 +1,7 @@
-"""Equations of motion in rates of bodies, for series: p = dL/dw, dp/dt = p x w + (change of L by a turn) + torque.
+"""Equations of motion in rates of bodies, for Taylor series: p = dL/dw, dp/dt = p x w + (dL along a turn) + torque.
 
-They are the equations of Euler and Poincare, for a statement whose rotations are described by small turns. The length
-of a quaternion does not occur in them, so the series of the quaternion is polynomial: dq/dt = q w/2. The entries of a
+These are the equations of Euler and Poincare, for a statement whose rotations are described by small turns. The length
+of a quaternion does not occur in them, so the equation of the quaternion is polynomial: dq/dt = q w/2. The entries of a
 rotation matrix R are separate variables with the derivatives R (w x). Source: J. E. Marsden, T. S. Ratiu, Introduction
 to Mechanics and Symmetry, 1999, section 13.5.
 """
@@ -30,9 +30,9 @@ class Turning:
     - `velocities`, `momenta` and `forces` have m entries. Forces contain p x w.
     - `derivatives` maps coordinates outside of rotations, and symbols of entries of rotation matrices, to derivatives.
     - `starts` maps the symbols of w and of entries of rotation matrices to nodes in the statement's q and v.
-    - `spun` maps the coordinate index of each quaternion entry to three nodes. The first is -q w, minus twice the
-      derivative of q. The others are the derivatives of q and v at the start of a step, with terms that restore the
-      length of the quaternion: otherwise errors of v along q would accumulate, and change the energy.
+    - `spun` maps the coordinate index of each quaternion entry to three nodes. The first is -q w, which is minus twice
+      the derivative of q. The others are the derivatives of q and v at the start of a step, with terms that restore the
+      length of the quaternion. Without these terms errors of v along q would accumulate, and change the energy.
     """
 
     velocities: tuple[Node, ...]
@@ -51,7 +51,7 @@ class Turning:
     def adjacent(self) -> bool:
         """True if the entries of all quaternions are consecutive coordinates, at the start or the end of q.
 
-        Only then are Taylor series computed in rates of bodies.
+        Taylor series are computed in rates of bodies only if this is true.
         """
         count = len(self.spun)
         first, others = min(self.spun), len(self.velocities) - count * 3 // 4
@@ -63,7 +63,7 @@ class Turning:
 
 
 class _Body:
-    """A rotating body: symbols of its rates w and of the entries of its rotation matrix R, and their derivatives."""
+    """Rotating body: symbols of its rates w and of the entries of its rotation matrix R, and their derivatives."""
 
     def __init__(self, graph: Graph, each: Rotation, leaves: Mapping[Any, Node]) -> None:
         q, v = ([leaves[f] for f in part] for part in (each.quaternion, map(velocity_of, each.quaternion)))
@@ -92,15 +92,15 @@ class _Body:
         self.slopes = substitute(slopes, self.starts)
         """Derivatives of the quaternion at the start of a step, with a term that corrects its length to one."""
         self.pulls = [-(size * stretch / square * x) for x in q]
-        """Accelerations at the start of a step: they remove from the velocities the change of the quaternion's
-        length."""
+        """Accelerations at the start of a step that remove the change of the quaternion's length from the
+        velocities."""
         x, y, z = columns = [self.entries[k::3] for k in range(3)]
         changes = ({1: z, 2: [-e for e in y]}, {0: [-e for e in z], 2: x}, {0: y, 1: [-e for e in x]})
         self.turns = [
             {e: moved for k, column in change.items() for e, moved in zip(columns[k], column, strict=True)}
             for change in changes
         ]
-        """Changes of the entries of R by a small turn about each axis of the body; other symbols do not change."""
+        """Changes of the entries of R by a small turn about each axis of the body. Other symbols do not change."""
 
     def rates(self) -> dict[Node, Node]:
         """Return the time derivatives of the entries of the rotation matrix R, by symbol."""
@@ -109,16 +109,16 @@ class _Body:
         return {e: sum((w * turn.get(e, zero) for w, turn in pairs), zero) for e in self.entries}
 
     def spin(self, p: Sequence[Node]) -> list[Node]:
-        """Return p x w, three nodes, where p is the angular momentum and w the rates of the body."""
+        """Return p x w, three nodes, where p is the angular momentum and w are the rates of the body."""
         (a, b, c), (x, y, z) = self.w, p
         return [y * c - z * b, z * a - x * c, x * b - y * a]
 
 
 def turning(statement: Statement, graph: Graph, leaves: Mapping[Any, Node]) -> Turning | None:
-    """Return the equations of a statement in rates of bodies.
+    """Return the equations of a statement in rates of bodies, or None.
 
-    Return None for a statement with constraints, or whose rotations cannot be described by small turns. `leaves` maps
-    coordinates, velocities, time and parameters to nodes of the graph.
+    The result is None for a statement with constraints, and for rotations that cannot be described by small turns.
+    `leaves` maps coordinates, velocities, time and parameters to nodes of the graph.
     """
     read = statement.reading
     if read is None or read.constraints:

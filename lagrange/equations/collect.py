@@ -1,4 +1,4 @@
-"""Shorten sums of monomials as a textbook would: common factors cancel, and terms are grouped by velocities."""
+"""Shorten and write sums of monomials as a textbook would: common factors cancel, terms are grouped by velocities."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from lagrange.equations.terms import ONE, Algebra, Monomial, MonomialSum, common
 LONGEST_DENOMINATOR = 12
 """Largest number of terms of a denominator for which a common factor with the numerator is searched."""
 LARGEST_DEGREE = 5000
-"""Bound on the cost of this search: the largest product of (degree + 1) over the variables. Its numbers have this many
-digits."""
-LONGEST_SUM = 6  # Largest number of terms of a sum in parentheses that is expanded, or divided by, on trial
+"""Largest product of (degree + 1) over the variables for which this search is made. The numbers in it have about as
+many digits."""
+LONGEST_SUM = 6  # Largest number of terms of a sum in parentheses that is expanded, or used as a divisor, on trial
 HIGHEST = 3  # Largest difference of the powers of such a sum in terms that are merged
 
 
@@ -40,7 +40,7 @@ def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, Mono
 
 
 def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
-    """Return the sums that a common factor of numerator `above` and denominator `below` must divide.
+    """Return the sums that every common factor of numerator `above` and denominator `below` must divide.
 
     They are the coefficients of `above` as a polynomial in the factors that do not occur in `below`.
     """
@@ -53,7 +53,7 @@ def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
 
 
 def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum with different powers of the same sum in parentheses merged, if this leaves fewer terms."""
+    """Return the sum after merging terms that differ in powers of a sum in parentheses, if fewer terms result."""
     sums = list(dict.fromkeys(k for monomial in terms for k, _ in monomial if algebra.factors[k].is_Add))
     for k in sums:
         if len(algebra.factors[k].args) <= LONGEST_SUM and _worthwhile(algebra, terms, k):
@@ -64,8 +64,8 @@ def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
     """Return True if merging terms with powers of factor `k`, a sum in parentheses, may shorten the whole sum.
 
-    It may if the exponents of the factor differ between terms, if an exponent is whole, so that the power can be
-    multiplied out, or if at least as many terms contain the factor as it has terms itself.
+    It may in three cases: the exponents of the factor differ between terms; an exponent is whole, so that the power can
+    be multiplied out; or at least as many terms contain the factor as the factor has terms.
     """
     exponents = [powers[k] for powers in map(dict, terms) if k in powers]
     several = len(set(exponents)) > 1 or any(isinstance(exponent, int) for exponent in exponents)
@@ -110,7 +110,7 @@ def _shorter(algebra: Algebra, group: MonomialSum, k: int) -> MonomialSum:
 
 
 def _divided(terms: MonomialSum, base: MonomialSum) -> MonomialSum | None:
-    """Return terms / base if the division has no remainder, else None."""
+    """Return the quotient of the sums `terms` and `base`, or None if the division has a remainder."""
     number, monomial, rest = common_factor(terms)
     variables = _Variables([rest, base])
     if not variables.usable:
@@ -128,9 +128,9 @@ def _divided(terms: MonomialSum, base: MonomialSum) -> MonomialSum | None:
 
 
 class _Variables:
-    """Translates sums of monomials into SymPy polynomials and back.
+    """Translator of sums of monomials into SymPy polynomials and back.
 
-    Each factor becomes a variable; a factor with fractional exponents is a power of its variable. The lowest power of
+    Each factor becomes a variable. If its exponents are fractions, it is a power of its variable. The lowest power of
     each factor is taken out of all sums first, so that no exponent is negative.
     """
 
@@ -145,7 +145,7 @@ class _Variables:
 
     @property
     def degree(self) -> int:
-        """Product of (largest degree + 1) over all variables: a bound on the number of terms."""
+        """Product of (largest degree + 1) over all variables, which is a bound on the number of terms."""
         return prod(self.degrees.values())
 
     def polynomial(self, terms: MonomialSum) -> Any:
@@ -160,7 +160,7 @@ class _Variables:
     def terms(self, polynomial: Any) -> MonomialSum:
         """Return a SymPy polynomial as a sum of monomials. It is the quotient of two results of `polynomial`.
 
-        The powers of factors that `polynomial` takes out are the same for both, so they cancel in the quotient.
+        The powers of factors that `polynomial` takes out are the same for both results, so they cancel in the quotient.
         """
         result: MonomialSum = {}
         for exponents, value in polynomial.terms():
@@ -171,21 +171,22 @@ class _Variables:
 
 
 FACTORED_TERMS = 16
-"""Largest number of terms of a polynomial that is factored: one this long takes SymPy a few milliseconds."""
+"""Largest number of terms of a polynomial that is factored. SymPy takes a few milliseconds for 16 terms."""
 WORTHWHILE = 0.75
-"""A factored coefficient replaces its expanded form if it has at most this fraction of its operations."""
+"""Largest ratio of operations, factored to expanded, at which a coefficient is written in factored form."""
 WRITING = 5
-"""Cost of writing a term, in units of the algebra's budget (monomials), besides the size of its factors."""
+"""Cost of writing a term, in monomials of the algebra's budget, in addition to the size of its factors."""
 LONGER_SUM = 1.4
-"""A quotient stays a sum of quotients up to this many times the operations of a single fraction."""
+"""Largest ratio of operations, sum of quotients to single fraction, at which a quotient is written as a sum."""
 
 _BESIDE = sympy.Dummy("motion")
 
 
 class SumWriter:
-    """Writes sums of monomials (`MonomialSum`) of one algebra as SymPy expressions.
+    """Writer of sums of monomials (`MonomialSum`) of one algebra as SymPy expressions.
 
-    `moving` are the symbols that vary in time: positions, velocities, accelerations and the time.
+    `positions` are the symbols of the coordinates. `moving` are the symbols that vary in time: positions, velocities,
+    accelerations and the time.
     """
 
     def __init__(self, algebra: Algebra, positions: frozenset[Any], moving: frozenset[Any]) -> None:
@@ -195,7 +196,7 @@ class SumWriter:
         self._factored: dict[Any, Any] = {}
 
     def write(self, terms: MonomialSum) -> Any:
-        """Return the sum as an expression: grouped by velocities, accelerations and functions, then by coordinates."""
+        """Return the sum as an expression, grouped by velocities, accelerations and functions, then by coordinates."""
         self.algebra.spend(sum(WRITING + self.algebra.size(monomial) for monomial in terms))
         groups: dict[Monomial, dict[Monomial, MonomialSum]] = {}
         for monomial, number in terms.items():
@@ -208,7 +209,7 @@ class SumWriter:
         outside, rest = self._factors(shortened(self.algebra, below))
         above = shortened(self.algebra, self.algebra.divide(above, outside))
         divided = self.write(above)
-        # True if all terms have the same denominator, which varies in time, as r in -(2*v*w + g*sin(q))/r
+        # The set has one element if all terms have the same denominator, as r in -(2*v*w + g*sin(q))/r
         denominators = {tuple((k, e) for k, e in m if e < 0 and self.algebra.free(k) & self.moving) for m in above}
         divisible = divided.is_Add and len(denominators) == 1 and () not in denominators
         outside, above = self._factors(above)
@@ -226,7 +227,7 @@ class SumWriter:
         return divided if apart else fraction
 
     def _factors(self, terms: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
-        """Return the common factor of all terms (as a sum of one term) and the rest, with powers of sums expanded."""
+        """Return the common factor of all terms, as a sum of one term, and the rest with powers of sums expanded."""
         number, monomial, rest = common_factor(terms)
         unfolded = self.algebra.merge_angles(self.algebra.unfold(rest))
         more, extracted, rest = common_factor(unfolded)
@@ -264,9 +265,9 @@ class SumWriter:
         return Mul(expanded, outer_factors)
 
     def _coefficient(self, terms: MonomialSum) -> tuple[Any, Any, Any]:
-        """Return (number, monomial, rest), SymPy expressions whose product is the sum, to be multiplied in one call.
+        """Return SymPy expressions (number, monomial, rest) whose product is the sum.
 
-        Otherwise SymPy distributes the number over the sum.
+        They are to be multiplied in one call. Otherwise SymPy distributes the number over the sum.
         """
         number, monomial, rest = common_factor(terms)
         written = self._factor(rest)
@@ -284,7 +285,7 @@ class SumWriter:
         return self._factored[expression]
 
     def _together(self, expression: Any) -> Any:
-        """Return a sum with the factors that all its terms share taken out."""
+        """Return a sum with the factors in parentheses that all its terms share taken out."""
         if not expression.is_Add:
             return expression
         powers = [part.as_powers_dict() for part in expression.args]

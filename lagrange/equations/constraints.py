@@ -1,10 +1,10 @@
-"""Constraints as graph nodes: on velocities G v + b = 0, and on accelerations G a + gamma = 0.
+"""Constraints as graph nodes: psi = 0 on velocities, G a + gamma = 0 on accelerations, and forces G^T lambda.
 
-A holonomic constraint phi(q, t) = 0 is differentiated: psi = dphi/dt = (dphi/dq) v + dphi/dt. For a constraint that is
-stated in velocities, psi is the stated expression. Then G = dpsi/dv, and gamma is dpsi/dt without the term G a. The
-generalized forces of a constraint are G^T lambda: for constraints that are linear in velocities this is d'Alembert's
-principle, for others Chetaev's rule.
-Source: J. G. Papastavridis, Analytical Mechanics, 2nd ed., 2014, sections 2.4, 3.5 and 5.2.
+A holonomic constraint phi(q, t) = 0 is differentiated: psi = dphi/dt = (dphi/dq) v + dphi/dt. If a constraint is stated
+in velocities, psi is the stated expression. Then G = dpsi/dv, and gamma is dpsi/dt without the term G a. The
+generalized forces of a constraint are G^T lambda. For constraints that are linear in velocities this is d'Alembert's
+principle, for others Chetaev's rule. Source: J. G. Papastavridis, Analytical Mechanics, 2nd ed., 2014, sections 2.4,
+3.5 and 5.2.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TERM_ROUND_OFF = 1e-12  # Rounding threshold: values below this fraction of thei
 
 @dataclass(frozen=True, eq=False)
 class ConstraintEquations:
-    """The m constraints of n coordinates, as nodes.
+    """Equations of m constraints on n coordinates, as nodes.
 
     `positions` has phi of each holonomic constraint, and None for the others. `velocities` has psi, `gradient` the m
     rows of G, and `bias` gamma. `rest` is psi with all velocities zero.
@@ -57,11 +57,11 @@ class ConstraintEquations:
         return ConstraintEquations(*map(tuple, chosen))
 
     def last(self, count: int) -> ConstraintEquations:
-        """Return the last `count` constraints."""
+        """Return the equations of the last `count` constraints."""
         return self.part(range(len(self) - count, len(self)))
 
     def joined(self, other: ConstraintEquations) -> ConstraintEquations:
-        """Return these constraints, followed by the constraints `other`."""
+        """Return the equations of these constraints, followed by those of the constraints `other`."""
         return ConstraintEquations(*(a + b for a, b in zip(self._entries, other._entries, strict=True)))
 
     @property
@@ -78,7 +78,7 @@ class ConstraintEquations:
 
 
 def check_rows(stated: Sequence[Constraint], constraints: ConstraintEquations) -> None:
-    """Raise StatementError for a constraint that contains no velocity: its row of G consists of zero nodes."""
+    """Raise StatementError for a constraint that contains no velocity: all entries of its row of G are zero."""
     for constraint, row in zip(stated, constraints.gradient, strict=True):
         if all(entry is entry.graph.zero for entry in row):
             raise StatementError(empty_constraint(constraint.name, value_somewhere(constraint.expression), 1.0))
@@ -87,8 +87,8 @@ def check_rows(stated: Sequence[Constraint], constraints: ConstraintEquations) -
 def empty_constraint(name: str, value: float, size_of_terms: float) -> str:
     """Return the error message for a constraint that contains no coordinate and no velocity.
 
-    `value` is that of the constraint at a state. If it is zero on the scale `size_of_terms`, the constraint is called
-    always true, else never true.
+    `value` is the value of the constraint at a state. If it is zero on the scale `size_of_terms`, the message calls the
+    constraint always true, else never true.
     """
     if abs(value) <= TERM_ROUND_OFF * size_of_terms:
         return (
@@ -104,9 +104,9 @@ def empty_constraint(name: str, value: float, size_of_terms: float) -> str:
 def constraint_equations(
     zeros: Mapping[str, Node], holonomic: Sequence[bool], q: Sequence[Node], v: Sequence[Node], time: Node
 ) -> ConstraintEquations:
-    """Return the constraint equations for the expressions `zeros`, {name of the constraint: node that is zero}.
+    """Return the equations of the constraints in `zeros`, {name of the constraint: node that stays zero}.
 
-    An expression is phi(q, t) if its flag in `holonomic` is true, else psi(q, v, t).
+    A node is phi(q, t) if its flag in `holonomic` is true, else psi(q, v, t).
     """
     if not zeros:
         return ConstraintEquations()

@@ -1,10 +1,10 @@
-"""Decisions on whether a Lagrangian and its equations of motion depend on time, coordinates or velocities.
+"""Decide whether a Lagrangian and its equations of motion depend on time, coordinates or velocities.
 
-A decision is: proven, disproven, or undecided. If a Lagrangian is stated through positions, angles and time may
-appear in terms that cancel. So there are three tests, in this order. An expression is independent of a symbol that
-does not appear in it. Otherwise its derivatives are evaluated at random states in many digits: a value other than
-zero disproves independence. If all values are zero, algebra tries to prove it; if this fails, the question is
-undecided. The degrees of T, or of L, in the velocities decide whether the energy v.p - L is T + V.
+A property is proven, disproven, or undecided. If a Lagrangian is stated through positions, angles and time may occur in
+terms that cancel. So there are three tests, in this order. An expression is independent of a symbol that does not occur
+in it. Otherwise its derivatives are evaluated at random states in many digits: a value other than zero disproves
+independence. If all values are zero, algebra tries to prove independence. If this fails, the question is undecided. The
+degrees of T, or of L, in the velocities decide whether the energy v.p - L is T + V.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from lagrange.statement.statement import Statement
 SECOND = 2
 
 MOST_TURNING = 4
-"""Largest number of coordinates of a Lagrangian whose mass matrix is solved to search for centrifugal terms."""
+"""Largest number of coordinates of a Lagrangian in which centrifugal terms are searched, since M must be inverted."""
 
 LAW_DIGITS = 30
 ZERO_DIFFERENCE = sympy.Float("1e-15", LAW_DIGITS)
@@ -41,14 +41,14 @@ digits."""
 
 
 def visibly_homogeneous(statement: Statement) -> bool:
-    """Return True if every term of T as stated is of second degree in the velocities. No algebra is done."""
+    """Return True if every term of T as stated has second degree in the velocities. No algebra is done."""
     return _degree(statement.kinetic, statement.velocities) == SECOND
 
 
 def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
-    """Return the degree in the velocities that all terms of an expression have in common.
+    """Return the degree in the velocities that all terms of a SymPy expression `node` have in common.
 
-    Return None if terms differ in degree, or if a degree cannot be read off. `node` is the SymPy expression.
+    Returns None if terms differ in degree, or if a degree is not visible without algebra.
     """
     if node in velocities:
         return 1
@@ -74,9 +74,9 @@ def seen_jacobi(statement: Statement, stated: StatedAlgebra) -> bool:
 def seen_mixed(statement: Statement) -> bool:
     """Return True if values of T show that it has terms whose degree in the velocities is not 1 or 2.
 
-    Terms of first degree are allowed: a charge in a field has them. T(v) + T(-v) does not contain them. In this sum,
-    terms of second degree become four times as large at doubled velocities; any other factor shows other terms. The
-    result is False if T contains undefined functions.
+    Terms of first degree are allowed, since a charge in a field has them. T(v) + T(-v) does not contain them. In this
+    sum, terms of second degree become four times as large at doubled velocities. Any other factor shows other terms.
+    The result is False if T contains undefined functions.
     """
     draw = random.Random(1)
     fixed = {leaf: sympy.Float(draw.uniform(0.6, 1.6), LAW_DIGITS) for leaf in (*statement.parameters, t)}
@@ -99,7 +99,7 @@ def seen_turning(stated: StatedAlgebra) -> bool:
     """Return True if L has the terms of a moving frame: v M v/2 + a v + a M^-1 a/2, of which the last are centrifugal.
 
     L of a charge in a field also has terms of first degree and of degree zero, but no centrifugal terms. Terms are
-    compared one by one: a centrifugal term that was merged with another term is not recognised.
+    compared one by one. So a centrifugal term that was merged with another term is not recognised.
     """
     algebra, n = stated.algebra, len(stated.q)
     terms = canonical(algebra, stated.lagrangian)
@@ -117,7 +117,7 @@ def seen_turning(stated: StatedAlgebra) -> bool:
 
 
 def _monomial_degree(stated: StatedAlgebra, monomial: Monomial) -> int | None:
-    """Return the degree of a monomial in the velocities; None if a velocity is inside a function or a root."""
+    """Return the degree of a monomial in the velocities. None if a velocity is inside a function or a root."""
     degree = 0
     for number, exponent in monomial:
         if stated.algebra.free(number).isdisjoint(stated.v):
@@ -128,15 +128,16 @@ def _monomial_degree(stated: StatedAlgebra, monomial: Monomial) -> int | None:
     return degree
 
 
-BUDGET = 100_000  # Largest number of monomials of all proofs about one system: 1 to 2 s
+BUDGET = 100_000  # Largest number of monomials in all proofs about one system, which take 1 to 2 s
 CONTEXT = precise(50)  # Numbers of 50 digits, in which laws are evaluated
-STEP = "1e-15"  # Step of the central difference in time: its error is some 1e-30 of the function
+STEP = "1e-15"  # Step of the central difference in time, whose error is about 1e-30 of the function
 ZERO_SHARE = CONTEXT.mpf("1e-20")
-"""A value differs from zero if it exceeds this fraction of the largest number from which it is computed."""
+"""Rounding threshold: a value above this fraction of the largest number in its computation is not zero."""
 LAW_SAMPLES = 3  # Number of states at which laws are evaluated
-LAW_DRAWS = 24  # Largest number of states that are drawn for the samples: at some an expression has no value
+LAW_DRAWS = 24  # Largest number of states drawn for the samples, since an expression may have no value at some
 MOST_HELD = 16
-"""Largest number of constraints for which a state that satisfies them is searched: for 16 it takes a second."""
+"""Largest number of constraints for which a state that satisfies them is searched. For 16 constraints this takes a
+second."""
 Verdict = bool | None  # True if proven, False if disproven, None if undecided
 
 Values = dict[Node, Any]
@@ -146,7 +147,7 @@ Values = dict[Node, Any]
 class StatedLaws:
     """Expressions of the equations of motion as graph nodes.
 
-    `extra` is Q - dD/dv, `forces` is dL/dq + extra, and `bias` is the right-hand side of M a = bias.
+    `extra` is Q - dD/dv, `forces` is dL/dq + extra, and `bias` is the right-hand side h of M a = h.
     """
 
     q: tuple[Node, ...]
@@ -164,18 +165,18 @@ class StatedLaws:
 
 @dataclass(frozen=True, eq=False)
 class Decisions:
-    """Decisions about the equations of a statement. Each is made when it is first read."""
+    """Decisions about the equations of a statement. Each property is decided when it is first used."""
 
     statement: Statement
     laws: StatedLaws
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Decisions are made again: numbers of a separate mpmath context do not pickle.
+        # Decisions are not stored, since numbers of a separate mpmath context cannot be pickled.
         return Decisions, (self.statement, self.laws)
 
     @cached_property
     def timeless(self) -> Verdict:
-        """True if dL/dt = 0, None if undecided."""
+        """True if dL/dt = 0, False if not, None if undecided."""
 
         def slope(point: Values) -> bool | None:
             rate = self._rate(self.laws.lagrangian, point)
@@ -189,7 +190,10 @@ class Decisions:
         return not _depends_on(self.laws.lagrangian, [self.laws.q[i]])
 
     def cyclic(self, i: int) -> Verdict:
-        """Return True if dL/dq_i = 0, None if undecided. Coordinate i must have no force and no dissipation."""
+        """Return True if dL/dq_i = 0, False if not, None if undecided.
+
+        Coordinate number i must have no force and no dissipation.
+        """
 
         def slope(point: Values) -> bool | None:
             force = values([self.laws.forces[i]], point, CONTEXT)
@@ -199,7 +203,7 @@ class Decisions:
 
     @cached_property
     def powerless(self) -> Verdict:
-        """True if the rate of the energy, -dL/dt + (Q - dD/dv) . v, is zero; None if undecided."""
+        """True if the rate of the energy, -dL/dt + (Q - dD/dv) . v, is zero; False if not, None if undecided."""
         if self.power_seen is not None or self._has_power:
             return self.power_seen
         if self._forceless and self.timeless is True:
@@ -210,7 +214,7 @@ class Decisions:
 
     @cached_property
     def power_seen(self) -> Verdict:
-        """True if the rate of the energy is zero, False if it is not; None if that is not seen without algebra.
+        """True if the rate of the energy is zero, False if it is not, None if that is not known without algebra.
 
         It is zero if there are no forces and no dissipation, and L does not contain the time. It is not zero if its
         value at a random state is not zero. With constraints that do no work, the state must satisfy them.
@@ -222,7 +226,7 @@ class Decisions:
             return None
         if not len(laws.constraints) or not laws.constraints.workless:
             return False
-        # The power may be zero at the states that satisfy the constraints.
+        # At states that satisfy the constraints, the power may be zero.
         states = map(self._on_constraints, self._points) if len(laws.constraints) <= MOST_HELD else ()
         return False if any(self._power(state) for state in states if state is not None) else None
 
@@ -233,10 +237,7 @@ class Decisions:
 
     @cached_property
     def _has_power(self) -> bool:
-        """True if the rate of the energy differs from zero at some random state.
-
-        The states need not satisfy the constraints.
-        """
+        """True if the rate of the energy differs from zero at some random state, on the constraints or not."""
         return any(self._power(point) for point in self._points)
 
     @cached_property
@@ -244,7 +245,7 @@ class Decisions:
         """True if T is homogeneous of second degree in the velocities, so that v.p - L is T + V; None if undecided.
 
         Terms of first degree, as for a charge in a field, are ignored: v.p - L is then V plus the terms of T of second
-        degree. For a Lagrangian stated alone: False if it has the terms of a rotating frame, else None.
+        degree. For a Lagrangian stated alone the result is False if it has the terms of a rotating frame, else None.
         """
         if visibly_homogeneous(self.statement):
             return True
@@ -262,7 +263,7 @@ class Decisions:
 
     @cached_property
     def separable(self) -> Verdict:
-        """True if the momenta depend on velocities and parameters alone, None if undecided."""
+        """True if the momenta depend on velocities and parameters alone, False if not, None if undecided."""
         laws, moving = self.laws, [*self.laws.q, self.laws.time]
         absent = not any(_depends_on(p, moving) for p in laws.momenta)
         return self._decided(
@@ -273,7 +274,7 @@ class Decisions:
 
     @cached_property
     def constant_mass(self) -> Verdict:
-        """True if the mass matrix is constant along every motion, None if undecided."""
+        """True if the mass matrix is constant along every motion, False if not, None if undecided."""
         laws, entries = self.laws, [entry for row in self.laws.mass for entry in row]
         moving = [*laws.q, *laws.v, laws.time]
         absent = not any(_depends_on(entry, moving) for entry in entries)
@@ -287,7 +288,10 @@ class Decisions:
 
     @cached_property
     def position_only(self) -> Verdict:
-        """True if accelerations do not depend on velocities; None if undecided, or with constraints."""
+        """True if accelerations do not depend on velocities, False if they do.
+
+        None if undecided or with constraints.
+        """
         laws = self.laws
         if len(laws.constraints):
             return None
@@ -304,8 +308,8 @@ class Decisions:
     ) -> Verdict:
         """Return True if a property is proven, False if it is disproven, None if it is undecided.
 
-        It is proven if `absent`, or if `proof` succeeds within the budget. It is disproven if `number` returns True
-        at a random state, which is a counterexample.
+        It is proven if `absent` is true, or if `proof` succeeds within the budget. It is disproven if `number` returns
+        True at a random state, which is a counterexample.
         """
         if absent:
             return True
@@ -322,7 +326,7 @@ class Decisions:
 
     @cached_property
     def _points(self) -> list[Values]:
-        """Up to `LAW_SAMPLES` random states, times and parameters at which the Lagrangian has a value."""
+        """Random states, times and parameters at which the Lagrangian has a value, at most `LAW_SAMPLES` of them."""
         laws = self.laws
         symbols = (*laws.q, *laws.v, laws.time, *laws.parameters)
         samples = (
@@ -335,7 +339,7 @@ class Decisions:
     def _rate(self, node: Node, point: Values) -> tuple[Any, Any] | None:
         """Return the partial time derivative of a node at a point, and the scale for deciding whether it is zero.
 
-        The scale is the largest value that occurs in the evaluation. None is returned if the node has no value.
+        The scale is the largest value that occurs in the evaluation. Returns None if the node has no value.
         """
         step, time = CONTEXT.mpf(STEP), self.laws.time
         ahead, behind = (values([node], {**point, time: point[time] + way * step}, CONTEXT) for way in (1, -1))
@@ -344,7 +348,7 @@ class Decisions:
         return (ahead[0][0] - behind[0][0]) / (2 * step), ahead[1]
 
     def _power(self, point: Values) -> bool | None:
-        """Return True if the rate of the energy differs from zero at a point; None if it has no value there."""
+        """Return True if the rate of the energy differs from zero at a point. None if it has no value at the point."""
         laws = self.laws
         forces, slope = values(laws.extra, point, CONTEXT), self._rate(laws.lagrangian, point)
         if forces is None or slope is None:
@@ -369,7 +373,7 @@ class Decisions:
         def residuals_at(level: int, q: list[Any], v: list[Any]) -> tuple[list[Any], list[list[Any]]]:
             evaluated = values(outputs[level], moved(q, v), CONTEXT)
             if evaluated is None:
-                raise ZeroDivisionError  # as `lu_solve` does for a singular matrix
+                raise ZeroDivisionError  # The same exception as of `lu_solve` for a singular matrix
             count, n = len(levels[level][0]), len(q)
             rest = evaluated[0][count:]
             return evaluated[0][:count], [rest[k : k + n] for k in range(0, len(rest), n)]
@@ -390,7 +394,7 @@ class Decisions:
 
 
 def _proven_position_only(stated: StatedAlgebra) -> bool:
-    """Return True if it is proven that the terms beside M a in the equations of motion do not contain velocities."""
+    """Return True if it is proven that the terms other than M a in the equations of motion contain no velocities."""
     algebra, minus = stated.algebra, S.NegativeOne
     sides = [
         algebra.add(
@@ -404,7 +408,7 @@ def _proven_position_only(stated: StatedAlgebra) -> bool:
 
 
 def _free_of(stated: StatedAlgebra, symbol: Any) -> bool:
-    """Return True if it is proven that the Lagrangian does not depend on a coordinate or the time."""
+    """Return True if it is proven that the Lagrangian does not depend on `symbol`, a coordinate or the time."""
     slope = stated.algebra.differentiate(stated.lagrangian, symbol)
     return not stated.jumps(symbol) and is_identity(stated.algebra, slope)
 
@@ -421,7 +425,7 @@ def _depends_on(node: Node, symbols: Sequence[Node]) -> bool:
 
 
 def _changes(nodes: Sequence[Node], point: Values, symbols: Sequence[Node]) -> bool | None:
-    """Return True if the values of nodes change when the values of symbols are changed; None without values."""
+    """Return True if the values of nodes change when the values of symbols change. None if they have no values."""
     other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in symbols}}
     before, after = (values(nodes, at, CONTEXT) for at in (point, other))
     if before is None or after is None:

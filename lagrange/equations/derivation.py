@@ -1,6 +1,6 @@
-"""The equations of motion as in a textbook, for people to read.
+"""Derive the equations of motion as in a textbook, in SymPy, for people to read: `lagrange.System.equations`.
 
-They are derived independently of the compiled graph.
+The derivation is independent of the compiled graph.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ HALF = Rational(1, 2)
 
 @dataclass(frozen=True)
 class MassPoint:
-    """A named point of `positions` that has mass: its position and velocity, (2,) or (3,), and T = mass speed^2 / 2.
+    """Named point of `positions` with a mass: its position and velocity, (2,) or (3,), and its kinetic energy.
 
-    The velocity is simplified; the position is shown as it was stated.
+    The energy is `mass` * `squared_speed` / 2. The velocity is simplified, and the position is shown as it was stated.
     """
 
     name: str
@@ -63,7 +63,7 @@ def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
     """Return the named points whose kinetic energy, half a mass times speed squared, is a term of the stated T.
 
     Each term is the energy of at most one point. If each component of all velocities is a constant times the velocity
-    of a coordinate, the result is empty: showing these velocities explains nothing.
+    of a coordinate, the result is empty, since showing such velocities explains nothing.
     """
     left = [page.algebra.merge_angles(page.read(term)) for term in Add.make_args(page.statement.kinetic)]
     points, plain = [], True
@@ -77,7 +77,7 @@ def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
         mass, index = next(_masses(page, squared, left), (None, 0))
         if mass is not None:
             del left[index]
-            for rate in rates:  # plain if it is zero or a constant times the velocity of a coordinate
+            for rate in rates:  # A plain rate is zero, or a constant times the velocity of a coordinate
                 factors = [page.algebra.factors[k] for monomial in rate for k, _ in monomial]
                 constant = (x in page.v or not x.free_symbols & page.collector.moving for x in factors)
                 plain = plain and len(rate) <= 1 and all(constant)
@@ -88,7 +88,7 @@ def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
 def _masses(page: TextbookAlgebra, squared: MonomialSum, terms: list[MonomialSum]) -> Iterator[tuple[Any, int]]:
     """Yield (mass, index) for each of the terms that equals mass * squared / 2 with a constant mass.
 
-    `squared` is the square of the velocity of a point.
+    `squared` is the squared speed of a point, and `index` is the index of the term.
     """
     if not squared:
         return
@@ -107,10 +107,10 @@ def _masses(page: TextbookAlgebra, squared: MonomialSum, terms: list[MonomialSum
 Part = TypeVar("Part")
 
 STATED = 200
-"""Largest number of operations of an L that is differentiated also in its stated form: SymPy takes 0.1 ms for each."""
+"""Largest number of operations of an L that is also differentiated as stated. SymPy takes 0.1 ms for each."""
 
 KINKED = (Abs, sign, Heaviside, Max, Min, Piecewise)
-"""Functions whose second derivatives contain Dirac deltas in SymPy, at their kinks."""
+"""Functions with kinks, at which their second derivatives contain Dirac deltas in SymPy."""
 
 NAMED = 8  # Largest number of coordinates that a message names
 
@@ -118,16 +118,16 @@ ACCELERATIONS = "the solved accelerations"
 
 
 def derive(statement: Statement, positive: Collection[str] = ()) -> Derivation:
-    """Return the derivation of the statement's equations of motion, each part computed when first read.
+    """Return the derivation of the statement's equations of motion. Each part is computed when it is first used.
 
-    The coordinates with names in `positive` count as positive: abs(r) is r there.
+    Coordinates whose names are in `positive` count as positive, so that abs(r) becomes r.
     """
     return Derivation(statement, TextbookAlgebra(statement, positive))
 
 
 @dataclass(frozen=True, eq=False)
 class Derivation:
-    """L = T - V, p = dL/dv, and d/dt dL/dv - dL/dq + dD/dv = Q + G^T lambda for every coordinate, in SymPy.
+    """Textbook derivation in SymPy: L = T - V, p = dL/dv, and d/dt dL/dv - dL/dq + dD/dv = Q + G^T lambda.
 
     Expressions are in q(t), Derivative(q(t), t), Derivative(q(t), (t, 2)), the parameters, t, and the multipliers of
     constraints, `lagrange.multiplier(name)`. They are expanded, their sines and cosines merged by the addition
@@ -148,7 +148,7 @@ class Derivation:
 
     @cached_property
     def refusal(self) -> str:
-        """Message that says why the equations of motion are too large to be written out; empty if they are not."""
+        """Message that the equations of motion are too large to be written out, or "" if they are not."""
         try:
             self._written("the equations of motion", TextbookAlgebra.require_short_slopes)
         except StatementError as error:
@@ -157,7 +157,7 @@ class Derivation:
 
     @cached_property
     def lagrangian(self) -> Any:
-        """The Lagrangian L = T - V, merged and collected."""
+        """The Lagrangian L = T - V, with like terms merged and collected."""
         collected = self._written("the Lagrangian", lambda page: page.show(page.lagrangian))
         return _shorter(collected, self.kinetic - self.potential) if self._is_quoted else collected
 
@@ -172,17 +172,17 @@ class Derivation:
 
     @cached_property
     def kinetic(self) -> Any:
-        """The kinetic energy T, merged and collected. If L was stated alone, it is L."""
+        """The kinetic energy T, with like terms merged and collected. If L was stated alone, it is L."""
         return self._merged("the kinetic energy", self.statement.kinetic)
 
     @cached_property
     def potential(self) -> Any:
-        """The potential energy V, merged and collected."""
+        """The potential energy V, with like terms merged and collected."""
         return self._merged("the potential energy", self.statement.potential)
 
     @cached_property
     def points(self) -> tuple[MassPoint, ...]:
-        """The named points whose kinetic energy is a term of T, with their velocities."""
+        """Named points whose kinetic energy is a term of T, with their velocities."""
         return self._written("the velocities of the points", moving_points)
 
     @cached_property
@@ -196,7 +196,7 @@ class Derivation:
 
     @cached_property
     def gradient(self) -> Mapping[Any, Any]:
-        """Derivatives of L with respect to the coordinates, {coordinate: dL/dq}."""
+        """Derivatives of L by the coordinates, {coordinate: dL/dq}."""
         return self._short(
             "the derivatives of the Lagrangian",
             lambda page: map(page.show, page.pulls),
@@ -205,7 +205,7 @@ class Derivation:
 
     @cached_property
     def drag(self) -> Mapping[Any, Any]:
-        """Derivatives of the dissipation D with respect to the velocities, {coordinate: dD/dv}."""
+        """Derivatives of the dissipation D by the velocities, {coordinate: dD/dv}."""
         return self._each("the derivatives of the dissipation", lambda page: map(page.show, page.drags))
 
     @cached_property
@@ -215,7 +215,7 @@ class Derivation:
 
     @cached_property
     def equations(self) -> tuple[Any, ...]:
-        """One SymPy Eq for each coordinate.
+        """The equations of motion, one SymPy Eq for each coordinate.
 
         The right side has the generalized forces as stated and the constraint forces.
         """
@@ -233,14 +233,15 @@ class Derivation:
 
     @cached_property
     def constraints(self) -> tuple[Any, ...]:
-        """One Eq for each constraint, as stated: conditions on the motion in addition to `equations`."""
+        """One SymPy Eq for each constraint, as stated. They hold in addition to `equations`."""
         return tuple(Eq(constraint.expression, 0, evaluate=False) for constraint in self.statement.constraints)
 
     @cached_property
     def constraint_forces(self) -> Mapping[str, Mapping[Any, Any]]:
-        """{constraint: {coordinate: generalized force}}: lambda times the row of G, in terms of lambda, q, v and t.
+        """Generalized forces of the constraints, {constraint: {coordinate: lambda times the entry of G}}.
 
-        A row of G is dphi/dq of a holonomic constraint phi = 0, or dpsi/dv of a constraint psi = 0 on velocities.
+        A row of G is dphi/dq of a holonomic constraint phi = 0, or dpsi/dv of a constraint psi = 0 on velocities. The
+        forces are in terms of lambda, q, v and t.
         """
         gradient = self._written(
             "the constraint forces", lambda page: [[page.show(entry) for entry in row] for row in page.gradient]
@@ -254,7 +255,7 @@ class Derivation:
 
     @cached_property
     def mass_matrix(self) -> Any:
-        """M = d2L/dv2, an immutable Matrix (n, n)."""
+        """The mass matrix M = d2L/dv2, an immutable SymPy Matrix (n, n)."""
         entries = self._written(
             "the mass matrix", lambda page: [[page.show(entry) for entry in row] for row in page.mass]
         )
@@ -262,16 +263,17 @@ class Derivation:
 
     @cached_property
     def energy(self) -> Any:
-        """The Jacobi integral v . p - L; T + V if T is quadratic in the velocities."""
+        """The Jacobi integral v . p - L, which is T + V if T is quadratic in the velocities."""
         collected = self._written("the energy", lambda page: page.show(page.energy))
         return _shorter(collected, self.kinetic + self.potential) if self._keeps_its_sum else collected
 
     @cached_property
     def accelerations(self) -> Mapping[Any, Any]:
-        """{coordinate: acceleration}, solved by cofactors: the only denominators are determinants of coupled blocks.
+        """The accelerations, {coordinate: expression}, solved by cofactors.
 
-        With constraints the multipliers are solved for at the same time, and the formulas hold on the constraints.
-        Raises StatementError for a singular matrix and for formulas that are too long to print.
+        So the only denominators are determinants of coupled blocks. With constraints the multipliers are solved for at
+        the same time, and the formulas hold on the constraints. Raises StatementError for a singular matrix and for
+        formulas that are too long to print.
         """
         solved = self._written(ACCELERATIONS, lambda page: page.by_coordinate(page.motion[: len(page.q)]))
         return MappingProxyType(
@@ -279,10 +281,10 @@ class Derivation:
         )
 
     def _divided(self, index: int, solved: Any) -> Any:
-        """Return an acceleration as its equation of motion, with each term divided by the mass: g - k*(s - d)/m.
+        """Return an acceleration as its equation of motion with each term divided by the mass, such as g - k*(s - d)/m.
 
-        `index` is that of the coordinate. Return the formula `solved` instead if the equation has other accelerations
-        or multipliers, or if L is long.
+        `index` is the index of the coordinate. Returns the formula `solved` instead if the equation has other
+        accelerations or multipliers, or if L is long.
         """
         q, row = self.statement.coordinates[index], self.mass_matrix.row(index)
         mass = row[index]
@@ -294,7 +296,7 @@ class Derivation:
 
     @cached_property
     def multipliers(self) -> Mapping[str, Any]:
-        """{constraint: multiplier}, as functions of the state.
+        """The multipliers, {constraint: function of the state}.
 
         Raises StatementError for a singular matrix and for formulas that are too long to print.
         """
@@ -313,7 +315,7 @@ class Derivation:
 
     @cached_property
     def _is_quoted(self) -> bool:
-        """True if L as stated is short and without kinks: parts of it may then be shown as the user stated them."""
+        """True if L as stated is short and without kinks, so that parts of it may be shown as the user stated them."""
         stated = self.statement.lagrangian
         return not stated.has(*KINKED) and bool(stated.count_ops() <= STATED)
 
@@ -350,8 +352,8 @@ class Derivation:
     ) -> Mapping[Any, Any]:
         """Return expressions by coordinate, each collected or as stated, whichever is shorter and has no kink.
 
-        `parts` returns the expressions from sums of monomials, and `as_stated` the same without expanding L. `label`
-        names them in messages.
+        `parts` returns the expressions from sums of monomials, and `as_stated` the same without expanding L. `label` is
+        their name in messages.
         """
         collected = self._each(label, parts)
         if not self._is_short:
@@ -378,7 +380,10 @@ class Derivation:
 
 
 def too_large(statement: Statement, what: str = ACCELERATIONS) -> StatementError:
-    """Return the StatementError for a system whose formulas are too long to print; `what` names these formulas."""
+    """Return the StatementError for a system whose formulas are too long to print.
+
+    `what` is the name of these formulas.
+    """
     names = statement.names
     shown = names if len(names) <= NAMED else (*names[:NAMED], "...")
     return StatementError(
@@ -396,7 +401,7 @@ def _shorter(collected: Any, stated: Any) -> Any:
 def _length(form: Any) -> tuple[int, int]:
     """Return the numbers of operations and of terms of an expression.
 
-    If terms have a common denominator, a division is counted for each of them.
+    If terms have a common denominator, a division is counted for each term.
     """
     nodes = [*preorder_traversal(form)]
     below = [node.base for node in nodes if node.is_Pow and node.base.is_Symbol and node.exp.is_negative]
@@ -412,7 +417,7 @@ def _by_terms(expression: Any) -> Any:
     return Add(*map(factor_terms, Add.make_args(expression)))
 
 
-TABLE_LETTER = "S"  # Letter of a table; several tables are S1, S2
+TABLE_LETTER = "S"  # Letter of a table. Several tables are S1, S2, ...
 
 
 def _with_named_tables(statement: Statement) -> tuple[Statement, tuple[str, ...]]:

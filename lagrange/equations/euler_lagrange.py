@@ -1,9 +1,9 @@
-"""The equations of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h + G^T lambda, G a + gamma = 0.
+"""Derive the equations of motion as graph nodes: p = dL/dv, M a = h + G^T lambda, G a + gamma = 0.
 
-p are the momenta, Q the stated forces, D the dissipation function, M the mass matrix, and h the terms of the equations
-without accelerations a and multipliers lambda. G and gamma are explained in `constraints`.
-
-Also here: the layout of a state, a user's expressions as nodes of the equations, and the inputs that equations contain.
+p are the momenta, f = dL/dq + Q - dD/dv the forces with the stated forces Q and the dissipation function D, M the mass
+matrix, and h the terms of the equations without accelerations a and multipliers lambda. G and gamma are explained in
+`constraints`. This module also has the layout of a state, translates a user's expressions into nodes, and selects the
+inputs that equations contain.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from lagrange.statement.statement import Statement
 class StateLayout:
     """Layout of the state y = [q, v].
 
-    `coordinates` are the names of q. `rates` are the names of the quantities whose time derivatives are v: the same as
-    `coordinates` if v = dq/dt. `rotations` are the names of the rotations whose quaternions are among them.
+    `coordinates` are the names of q. `rates` are the names of the quantities whose time derivatives are v, which are
+    `coordinates` if v = dq/dt. `rotations` are the names of the rotations whose quaternions are among the coordinates.
     """
 
     coordinates: tuple[str, ...]
@@ -46,17 +46,17 @@ class StateLayout:
 
     @property
     def size(self) -> int:
-        """The number 2n of entries of a state."""
+        """Number 2n of entries of a state."""
         return len(self.coordinates) + len(self.rates)
 
     @cached_property
     def q(self) -> slice:
-        """The slice of the coordinates in a state."""
+        """Slice of the coordinates in a state."""
         return slice(0, len(self.coordinates))
 
     @cached_property
     def v(self) -> slice:
-        """The slice of the velocities in a state."""
+        """Slice of the velocities in a state."""
         return slice(len(self.coordinates), self.size)
 
     def split(self, y: Any) -> tuple[Any, Any]:
@@ -64,7 +64,10 @@ class StateLayout:
         return y[self.q], y[self.v]
 
     def names(self, ending: str = "_dot") -> tuple[str, ...]:
-        """Return the name of each entry of a state: theta for a coordinate, theta_dot for a velocity."""
+        """Return the names of the entries of a state.
+
+        `ending` is the suffix of velocities, as in theta and theta_dot.
+        """
         return (*self.coordinates, *(f"{name}{ending}" for name in self.rates))
 
 
@@ -73,7 +76,7 @@ Matrix = Sequence[Sequence[Node]]
 
 @dataclass(frozen=True, eq=False)
 class MotionForm:
-    """The equations of motion in the form that is solved: momenta p, forces f and bias h, with n entries each.
+    """Equations of motion in the form that is solved: momenta p, forces f and bias h, with n entries each.
 
     They are dp/dt = f + G^T lambda, and M a = h + G^T lambda.
     """
@@ -86,10 +89,10 @@ class MotionForm:
 def with_inertia(
     laws: StatedLaws, motion: MotionForm, first_order: Sequence[int], constraints: ConstraintEquations
 ) -> tuple[MotionForm, tuple[tuple[Node, ...], ...]]:
-    """Return the equations and their mass matrix M, with terms added if M is singular, so that it becomes regular.
+    """Return the equations and their mass matrix M. If M is singular, terms are added that make it regular.
 
-    Each constraint psi that is linear in the velocities adds w psi G^T to the momenta and w psi dG^T/dt to the
-    forces. These terms vanish on the constraint; w is `_weight`. Coordinates of first order (indices `first_order`)
+    Each constraint psi that is linear in the velocities adds w psi G^T to the momenta and w psi dG^T/dt to the forces.
+    These terms vanish on the constraint. The weight w is `_weight`. Coordinates of first order (indices `first_order`)
     need no inertia.
     """
     linear = [name not in constraints.nonlinear for name in constraints.names]
@@ -119,7 +122,7 @@ def _weight(mass: Matrix, gradient_row: Sequence[Node], symbols: Sequence[Node])
     """Return the weight w of a constraint, with which the added inertia w G^T G has the trace of the mass matrix M.
 
     G is here the constraint's row `gradient_row`, and w is trace(M)/|G|^2 with coordinates, velocities and the time
-    (`symbols`) set to 1. The weight is 1 if this is zero, has no value, or is not constant.
+    (`symbols`) set to 1. If this is zero, has no value, or is not constant, the weight is 1.
     """
     graph = symbols[0].graph
     inertia = graph.sum([(1, mass[i][i]) for i in range(len(gradient_row))])
@@ -127,7 +130,7 @@ def _weight(mass: Matrix, gradient_row: Sequence[Node], symbols: Sequence[Node])
     try:
         above, below = substitute([inertia, square], dict.fromkeys(symbols, graph.one))
         weight = above / below
-    except StatementError:  # a pole at one
+    except StatementError:  # A division by zero at one
         return graph.one
     return weight if weight.binding <= Binding.PARAMETER and weight is not graph.zero else graph.one
 
@@ -136,10 +139,11 @@ RELATION = "equation of "  # Prefix of the names of first-order equations. Names
 
 
 def first_order_coordinates(laws: StatedLaws) -> tuple[int, ...]:
-    """Return the indices of the coordinates of first order: without inertia, with an equation for their velocities.
+    """Return the indices of the coordinates without inertia whose equations determine their velocities.
 
-    Coordinates in constraints are not among them. The equations of such coordinates are the relations 0 = h. If the
-    relation of a coordinate determines no velocity, the coordinate is left out; `check_inertia` raises an error for it.
+    They are called coordinates of first order. Coordinates in constraints are not among them. The equations of such
+    coordinates are the relations 0 = h. If the relation of a coordinate determines no velocity, the coordinate is left
+    out, and `check_inertia` raises an error for it.
     """
     v, bias, graph = laws.v, laws.bias, laws.time.graph
     chosen = [
@@ -163,9 +167,9 @@ def first_order_coordinates(laws: StatedLaws) -> tuple[int, ...]:
 def without(first_order: Sequence[int], motion: MotionForm, rates: Mapping[Node, Node]) -> MotionForm:
     """Return the equations with p, f and h set to zero for the coordinates of first order.
 
-    `first_order` has the indices of these coordinates. Their equations are relations between velocities, and are
-    added to the constraints. `rates` maps their velocities to the values from these relations. These values replace
-    the velocities in the other entries.
+    `first_order` has the indices of these coordinates. Their equations are relations between velocities, and are added
+    to the constraints. `rates` maps their velocities to the values from these relations. These values replace the
+    velocities in the other entries.
     """
     if not first_order:
         return motion
@@ -182,7 +186,7 @@ def with_relations(
 ) -> tuple[ConstraintEquations, dict[Node, Node]]:
     """Return the constraints, followed by the first-order equations 0 = h as relations between velocities.
 
-    Coordinates of first order have no inertia; `first_order` has their indices, and `names` are those of all
+    Coordinates of first order have no inertia. `first_order` has their indices, and `names` are the names of all
     coordinates. The second result maps the velocities of coordinates of first order to their values from these
     equations. It is empty if the equations cannot be solved for the velocities as formulas.
     """
@@ -207,16 +211,17 @@ def with_relations(
 
 
 MOST_SETTLED = 12
-"""Largest number of coupled equations of first order that are solved as formulas: n of them take n**3/3 operations."""
+"""Largest number of coupled first-order equations that are solved as formulas, since n of them take n**3/3
+operations."""
 
 
 def first_order_rates(solved: ConstraintEquations, first_order: Sequence[int], v: Sequence[Node]) -> dict[Node, Node]:
-    """Return the velocities of coordinates of first order, each with its value from the equations of first order.
+    """Return the velocities of coordinates of first order, {velocity: its value from the equations of first order}.
 
-    The equations are the last of the constraints `solved`, one for each index in `first_order`. The motion follows
-    these values: the velocities in a state may be others, after a jump of a force or if a start leaves them at zero.
-    The result is {} for equations that are not linear in these velocities, that do not determine them, or that are
-    coupled and too many.
+    The equations are the last of the constraints `solved`, one for each index in `first_order`. The motion has these
+    values, but a state may have other velocities, after a jump of a force or if a start leaves them at zero. The result
+    is {} for equations that are not linear in these velocities, that do not determine them, or that are coupled and too
+    many.
     """
     count = len(first_order)
     square = [[row[i] for i in first_order] for row in solved.gradient[-count:]]
@@ -234,10 +239,10 @@ def first_order_rates(solved: ConstraintEquations, first_order: Sequence[int], v
 
 
 def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Sequence[Node]) -> list[Node]:
-    """Return multipliers of all constraints that give the same forces as those of independent constraints.
+    """Return multipliers of all constraints that give the same forces as the multipliers of independent constraints.
 
-    `kept` has the indices of the independent constraints, and `multipliers` their multipliers. The forces can be
-    shared among dependent constraints in many ways: the result is the one with the least norm.
+    `kept` has the indices of the independent constraints, and `multipliers` their multipliers. The forces can be shared
+    among dependent constraints in many ways. The result has the least norm.
     """
     others = [i for i in range(len(stated)) if i not in kept]
     if not others:
@@ -272,9 +277,9 @@ class Equations:
 
     - `q`, `v` and `parameters` are symbols: n, n and k of them. `leaves` maps the statement's SymPy symbols to nodes.
     - `rate` (dq/dt), `momenta`, `forces`, `bias` and `accelerations` have n entries; `mass` has n rows.
-    - `stated` are the constraints of the statement, `multipliers` their multipliers.
-    - `constraints` are the constraints that are solved, `impulses` their multipliers. Redundant constraints are left
-      out. The relations of coordinates without inertia, whose indices are `first_order`, are added.
+    - `stated` are the constraints of the statement, and `multipliers` their multipliers.
+    - `constraints` are the constraints that are solved, and `impulses` their multipliers. Redundant constraints are
+      left out. The relations of coordinates without inertia, whose indices are `first_order`, are added.
     - `motion` is the form that is solved. If M is singular, `motion` has other momenta, and so another M.
     - `matrix` is the M of `motion`, or with constraints [[M, G^T], [G, 0]]. `plan` solves linear systems with it. The
       unknowns are the accelerations, followed by `impulses` with the opposite sign.
@@ -323,7 +328,7 @@ class Equations:
 
     @property
     def unsettled(self) -> bool:
-        """True if velocities of first order are used as they are in a state, and must satisfy their equations there."""
+        """True if velocities of first order are used as they are in a state, and must satisfy their equations."""
         return bool(self.first_order) and not self.settled
 
     @cached_property
@@ -339,7 +344,7 @@ class Equations:
 
     @property
     def solution(self) -> tuple[Node, ...]:
-        """Nodes of the unknowns that `plan` solves for: the accelerations, then `impulses` with the opposite sign."""
+        """Nodes of the unknowns for which `plan` solves: the accelerations, then `impulses` with the opposite sign."""
         return (*self.accelerations, *(-impulse for impulse in self.impulses))
 
     def translate(self, expression: Any) -> Node:
@@ -348,7 +353,7 @@ class Equations:
 
     @cached_property
     def programs(self) -> dict[str, Any]:
-        """Cache {name: program} of the programs that compute quantities, for all targets; `program_of` fills it."""
+        """Cache {name: program} of programs that compute quantities, for all targets. `program_of` fills it."""
         return {}
 
     @cached_property
@@ -362,7 +367,10 @@ class Equations:
 
 
 def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> Equations:
-    """Return the equations of motion; `kept` are the indices of the independent constraints, None for all."""
+    """Return the equations of motion.
+
+    `kept` are the indices of the independent constraints, None for all constraints.
+    """
     graph = Graph()
     q, v, time, parameters = _symbols(graph, statement)
     symbols = (*statement.coordinates, *statement.velocities, t, *statement.parameters)
@@ -434,7 +442,7 @@ def applied_forces(forces: Sequence[Node], dissipation: Node, v: Sequence[Node])
 
 
 def generalized_forces(lagrangian: Node, q: Sequence[Node], applied: Sequence[Node]) -> list[Node]:
-    """Return f = dL/dq + Q for each coordinate q; `applied` are the forces Q, less dD/dv of the dissipation D."""
+    """Return f = dL/dq + Q - dD/dv for each coordinate q. `applied` has Q - dD/dv, where D is the dissipation."""
     return [slope + force for slope, force in zip(gradient(lagrangian, q), applied, strict=True)]
 
 
@@ -458,7 +466,7 @@ def check_inertia(names: Sequence[str], laws: StatedLaws, first_order: Sequence[
 
 
 def no_inertia(name: str) -> str:
-    """Return the error message for a coordinate that the Lagrangian gives no inertia."""
+    """Return the error message for a coordinate `name` without inertia in the Lagrangian."""
     return (
         f"the Lagrangian has no term of second order in {name}.dot, so {name} has no inertia and its acceleration is "
         f"not determined: the mass matrix d2L/dv2 is singular. Add the kinetic energy of {name}, or make {name} a "
@@ -469,13 +477,13 @@ def no_inertia(name: str) -> str:
 def bias_forces(
     forces: Sequence[Node], momenta: Sequence[Node], q: Sequence[Node], v: Sequence[Node], time: Node
 ) -> list[Node]:
-    """Return h = f - (dp/dq) v - dp/dt, so that M a = h."""
+    """Return h = f - (dp/dq) v - dp/dt, n nodes, so that M a = h."""
     along = tangents(momenta, {**dict(zip(q, v, strict=True)), **time.graph.rates})
     return [force - along(momentum) for force, momentum in zip(forces, momenta, strict=True)]
 
 
 def jacobi_integral(lagrangian: Node, momenta: Sequence[Node], v: Sequence[Node]) -> Node:
-    """Return v.p - L, which is T + V if T is quadratic in the velocities and V free of them."""
+    """Return v.p - L, which is T + V if T is quadratic in the velocities and V contains no velocities."""
     graph = lagrangian.graph
     powers = [(1, graph.product(pair)) for pair in zip(v, momenta, strict=True)]
     return graph.sum([*powers, (-1, lagrangian)])
@@ -527,7 +535,7 @@ def node_of(expression: Any, statement: Statement, equations: Equations) -> Node
 
 
 def with_needed_inputs(statement: Statement, equations: Equations) -> tuple[Statement, Equations]:
-    """Return a statement and its equations without those time derivatives of inputs that occur in neither."""
+    """Return a statement and its equations, without time derivatives of inputs that occur in neither of the two."""
     e = equations
     nodes = [e.lagrangian, e.energy, *e.momenta, *e.forces, *e.bias, *e.accelerations, *e.multipliers, *e.impulses]
     nodes += [*e.motion.momenta, *e.motion.forces, *e.motion.bias, *(entry for row in e.matrix for entry in row)]

@@ -1,4 +1,4 @@
-"""Test, when a system is stated, that the equations determine the accelerations; messages are in the user's symbols.
+"""Test, when a system is stated, that its equations determine the accelerations; give messages in the user's symbols.
 
 Without constraints the mass matrix must be regular at some state. With constraints, each constraint must restrict a
 velocity, the constraints must be independent, and every motion that they allow must have inertia.
@@ -37,9 +37,9 @@ from lagrange.statement.random_states import SAMPLE_KINDS, Sampler
 from lagrange.statement.statement import REFUSE, Statement
 
 MOST_WRITTEN_OPERATIONS = 20_000_000
-"""Largest number of operations of the multipliers, counted without sharing. SymPy shares parts of expressions but
-compares them one by one, in a time that grows with this number. A chain of ten links on a rough rail compiles in 10 s;
-each further link doubles that."""
+"""Largest number of operations of the multipliers, counted without sharing. SymPy shares parts of expressions, but
+compares them one by one, in a time that grows with this number. A chain of ten links on a rough rail compiles in 10 s.
+Each further link doubles that."""
 
 
 def with_solved_multipliers(statement: Statement) -> Statement:
@@ -69,7 +69,7 @@ def with_solved_multipliers(statement: Statement) -> Statement:
     _check_linear(statement, symbols)
     equations = euler_lagrange(replace(statement, parameters=(*statement.parameters, *symbols)))
     nodes = _multipliers(equations, statement.name, names)
-    sizes: dict[Node, int] = {}  # operations in the formula of each node; a shared node counts each time it is used
+    sizes: dict[Node, int] = {}  # Operations in the formula of each node; a shared node counts each time it is used
     for node in reachable(nodes):
         sizes[node] = len(node.args) + sum(sizes[arg] for arg in node.args)
     if (size := sum(sizes[node] for node in nodes)) > MOST_WRITTEN_OPERATIONS:
@@ -124,12 +124,14 @@ def _multipliers(equations: Equations, system_name: str, constraint_names: Seque
 
 
 RANDOM_STATES = 8
-"""Number of random states, and of states near the initial one, for the test of the rank. One regular state suffices."""
+"""Number of random states, and of states near the initial one, at which the rank is tested. One regular state
+suffices."""
 
 NEAR_ATTEMPT = 4  # Attempt of the sampler at which its points are about 3 % away from the initial state
 
 Reach = Callable[[Statement, Equations, FloatArray, FloatArray], list[FloatArray]]
-"""Projection onto the constraints: takes statement, equations, states (2n, k) and parameters.
+"""Function that projects states onto the constraints. Its arguments are statement, equations, states (2n, k) and
+parameters.
 
 It returns the projected states, without those whose projection failed.
 """
@@ -155,7 +157,7 @@ def known_statement(statement: Statement) -> Statement:
 def allowed_equations(statement: Statement, reach: Reach) -> Equations:
     """Return the equations of motion, without redundant constraints if the statement allows such constraints.
 
-    `reach` is a function that finds states on the constraints. It is called to find redundant constraints.
+    `reach` is a function that finds states on the constraints, at which redundant constraints are determined.
     """
     equations = euler_lagrange(statement)
     if statement.redundant == REFUSE or len(statement.constraints) < 2:
@@ -202,13 +204,13 @@ def _check_mass_matrix(equations: Equations, statement: Statement) -> None:
 
 
 def _check_constraints(samples: RegularityPoints, reach: Reach) -> None:
-    """Raise StatementError for constraints that are empty, dependent, or leave a motion without inertia."""
+    """Raise StatementError for constraints that are empty, dependent, or allow a motion without inertia."""
     equations, constraints = samples.equations, samples.equations.constraints
     entries = [entry for row in constraints.gradient for entry in row]
     shape = (len(constraints), len(equations.q), -1)
     pairs = zip(constraints.positions, constraints.velocities, strict=True)
     stated = [psi if phi is None else phi for phi, psi in pairs]
-    # One evaluation, since all are computed from the same nodes.
+    # All parts are evaluated at once, since they are computed from the same nodes.
     parts = (entries, term_sizes(entries), stated, term_sizes(stated), samples.mass_entries())
     rows = samples.values([node for part in parts for node in part])
     gradient, sizes, values, terms, mass = np.split(rows, np.cumsum([len(part) for part in parts[:-1]]))
@@ -229,7 +231,7 @@ def _check_constraints(samples: RegularityPoints, reach: Reach) -> None:
             "kinetic energy that is missing, or use fewer coordinates."
         )
     names, statement = constraints.names, samples.statement
-    # Without values for its parameters no state says whether constraints contradict one another.
+    # Without values for all parameters no state shows whether constraints contradict each other.
     only_stated = all(row < len(equations.stated) for row, _ in singular.rows)
     if not only_stated or len(statement.defaults) < len(statement.parameters) or samples.reached(reach)[0]:
         raise StatementError(dependent_everywhere(names, singular))
@@ -237,7 +239,7 @@ def _check_constraints(samples: RegularityPoints, reach: Reach) -> None:
 
 
 def _independent_constraints(statement: Statement, equations: Equations, reach: Reach) -> tuple[int, ...]:
-    """Return the indices of a largest set of independent constraints; the other constraints follow from these.
+    """Return the indices of a largest set of independent constraints. The other constraints follow from these.
 
     `reach` finds the states on the constraints at which this is tested. Raises StatementError if it finds none.
     """
@@ -257,13 +259,13 @@ def _independent_constraints(statement: Statement, equations: Equations, reach: 
 def independent_rows(rows: FloatArray) -> tuple[int, ...]:
     """Return the indices of independent rows that span the space of all rows (m, n).
 
-    They are chosen one by one: each time the row farthest from the space of those already chosen.
+    They are chosen one by one: each time the row farthest from the space of the rows already chosen.
     """
     sizes = np.sqrt((rows**2).sum(axis=1))
     left, chosen = rows / np.where(sizes > 0, sizes, 1.0)[:, None], []
     for _ in range(len(rows)):
         lengths = np.sqrt((left**2).sum(axis=1))
-        # The first of the longest, so that rounding does not choose.
+        # The first of the longest rows is chosen, so that the choice does not depend on rounding.
         row = int(np.argmax(lengths > (1 - DEPENDENT) * lengths.max()))
         if lengths[row] <= DEPENDENT:
             break
@@ -295,7 +297,7 @@ class RegularityPoints:
         return reach(self.statement, self.equations, states, parameters), parameters
 
     def values(self, nodes: Sequence[Node], points: Sequence[tuple[float, ...]] | None = None) -> FloatArray:
-        """Return the values of nodes, (nodes, points). A point is (*q, *v, *parameters, t); by default all points."""
+        """Return the values of nodes, (nodes, points). A point is (*q, *v, *parameters, t). None means all points."""
         points, e = self.points if points is None else points, self.equations
         rows = zip((*e.q, *e.v, *e.parameters, e.time), np.array(points).T, strict=True)
         return doubles(nodes, dict(rows), len(points))

@@ -1,4 +1,4 @@
-"""Diagnosis of a state without accelerations: dependent constraints, or a motion without inertia.
+"""Explain a state at which the accelerations are undetermined: dependent constraints, or a motion without inertia.
 
 The equations M a = h + G^T lambda and G a + gamma = 0 (see `euler_lagrange`) have one solution if the rows of G are
 independent and M is definite on the motions that the constraints allow, the kernel of G. Matrices are scaled before
@@ -24,12 +24,13 @@ from lagrange.statement.space import body_rates
 FloatArray = NDArray[np.float64]
 
 Values = Callable[[float, FloatArray, FloatArray], FloatArray]
-"""A function of t, a state (2n,) and parameters (k,)."""
+"""Function of t, a state (2n,) and parameters (k,)."""
 
-RANK = 1e-13  # A singular value of a balanced matrix counts as zero below this fraction of the largest
+RANK = 1e-13  # Smaller singular values of a balanced matrix, relative to the largest, count as zero
 
 NEARLY_SINGULAR = 1e-6
-"""If the smallest relative singular value is above this, the message blames the mass matrix, not the constraints."""
+"""If the smallest relative singular value is above this, the message says that the mass matrix is singular, not the
+constraints."""
 
 DEPENDENT = 1e-8
 """Rows of G count as dependent if their least singular value is below this fraction of the largest.
@@ -37,12 +38,12 @@ DEPENDENT = 1e-8
 States satisfy the constraints only to 1e-12, so rows that are dependent on the constraints differ by that much.
 """
 
-NAMED_SHARE = 1e-6  # Entries of a null vector below this fraction of the largest are rounding noise
+NAMED_SHARE = 1e-6  # Rounding threshold of the entries of a null vector, relative to the largest
 NAMED_VELOCITIES = 8  # Largest number of velocities that a message names
 
 
 class Provider(Protocol):
-    """A source of functions that are evaluated at few states: a model, or an object with the kernels of a model."""
+    """Source of functions that are evaluated at few states: a model, or an object with the kernels of a model."""
 
     def interpreted(self, name: str) -> Values:
         """Return the quantity `name`, such as "mass_matrix", as a function that is not compiled."""
@@ -53,7 +54,7 @@ class Provider(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Singular:
-    """A singularity: dependent `rows` of G as pairs (index, factor), or a `motion` (n,) without inertia.
+    """Singularity: dependent `rows` of G as pairs (index, factor), or a `motion` (n,) without inertia.
 
     The sum of factor times row is zero. `regularity` is the least singular value divided by the largest.
     """
@@ -76,7 +77,7 @@ def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the entries A_ij / (s_i s_j) of a matrix A, divided by one scale after the other.
+    """Return the entries A_ij / (s_i s_j) of a matrix A. It is divided by one scale after the other.
 
     The product of two scales may underflow.
     """
@@ -92,7 +93,7 @@ def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | No
     """Return the combination of constraints, or the motion with little inertia, that is nearest to singular.
 
     `mass` is M (n, n), and `gradient` G (m, n). A combination of constraints is singular if the same combination of the
-    rows of G is zero. Return None if an entry of a matrix is not finite. `scale` (n + m,) are the scale factors of
+    rows of G is zero. Returns None if an entry of a matrix is not finite. `scale` (n + m,) are the scale factors of
     another state: a row that has become much smaller since that state counts as nearly zero. With None the factors are
     computed for this state.
     """
@@ -106,7 +107,7 @@ def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | No
     dependent = _dependent(rows, scale[n:], alike=alike) if m else None
     if dependent is not None and dependent.regularity <= RANK:
         return dependent
-    # An orthonormal basis (n, n - m) of the motions that the rows (m, n) allow: their null space
+    # Columns of `allowed` (n, n - m) are an orthonormal basis of the motions that the rows allow, their null space.
     allowed = np.asarray(np.linalg.svd(rows)[2][m:].T) if m else np.eye(n)
     if not allowed.shape[1]:
         return dependent
@@ -125,8 +126,8 @@ def _whole(mass: FloatArray, gradient: FloatArray) -> FloatArray:
 def _dependent(scaled: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
     """Return the linear combination of the rows of G that is nearest to zero, as a `Singular`.
 
-    `scaled` (m, n) are the balanced rows, and `scale` their scale factors. With `alike`, each row is first divided by
-    its length.
+    `scaled` (m, n) are the balanced rows, and `scale` their scale factors. If `alike` is true, each row is first
+    divided by its length.
     """
     sizes = np.sqrt((scaled**2).sum(axis=1))
     units = np.where(sizes > 0, sizes, 1.0) if alike else np.ones(len(scaled))
@@ -141,7 +142,10 @@ def _dependent(scaled: FloatArray, scale: FloatArray, *, alike: bool) -> Singula
 def matrices_at(
     provider: Provider, equations: Equations, t: Any, y: FloatArray, parameters: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return M (n, n) and G (m, n) at a state (2n,); M (n, n, k) and G (m, n, k) at times (k,) and states (2n, k)."""
+    """Return M (n, n) and G (m, n) at a state `y` (2n,), or M (n, n, k) and G (m, n, k) at k states (2n, k).
+
+    `t` is a time, or k times (k,). `provider` has the functions that evaluate the two matrices.
+    """
     constraints, n = equations.constraints, len(equations.q)
     entries = tuple(entry for row in constraints.gradient for entry in row)
     with np.errstate(all="ignore"):
@@ -153,7 +157,7 @@ def matrices_at(
 def singular_sentence(provider: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray) -> str:
     """Return the message for a state `y` (2n,) at which the accelerations are not determined.
 
-    It names the time and the coordinates, what is singular there, and the remedy.
+    It names the time and the coordinates, what is singular at this state, and the remedy.
     """
     layout, names = equations.layout, equations.constraints.names
     state_text = ", ".join(
@@ -184,9 +188,10 @@ def singular_sentence(provider: Provider, equations: Equations, t: float, y: Flo
 def _zeros_without_inertia(
     provider: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray
 ) -> list[str]:
-    """Return the names of parameters whose value 0 leaves a motion without inertia, not only at the state `y` (2n,).
+    """Return the names of parameters whose value 0 leaves a motion without inertia at all states, not only at `y`.
 
-    They are those that alone make the matrices regular if they are 1 instead, else all that are zero.
+    These are the parameters that make the matrices regular if one of them is 1 instead. If there are none, all
+    parameters that are zero are returned.
     """
     elsewhere = y + np.sin(np.arange(1, len(y) + 1))
 
@@ -208,7 +213,7 @@ UNDETERMINED = "the multipliers, and with them the accelerations, are not determ
 def dependent_rows(names: Sequence[str], singular: Singular) -> str:
     """Return the beginning of a message: the dependent constraints, or the coordinates without inertia.
 
-    `names` are those of all constraints, and `singular` has the indices of the dependent ones.
+    `names` are the names of all constraints, and `singular` has the indices of the dependent ones.
     """
     related = [names[i].removeprefix(RELATION) for i, _ in singular.rows if names[i].startswith(RELATION)]
     if related:
@@ -223,7 +228,7 @@ def dependent_rows(names: Sequence[str], singular: Singular) -> str:
 def motion_along(layout: StateLayout, q: Sequence[float] | FloatArray, null: FloatArray) -> str:
     """Return the velocities `null` (n,) at coordinates `q` (n,) as text, such as ``x.dot = 1, R_body_z = -0.5``.
 
-    The rates of a body are in place of the velocities of its quaternion.
+    The rates of a body replace the velocities of its quaternion.
     """
     rates = dict(zip(layout.rates, null, strict=True))
     motion = {f"{name}.dot": x for name, x in rates.items() if name not in symbols_of_entries(layout.rotations)}
@@ -232,16 +237,16 @@ def motion_along(layout: StateLayout, q: Sequence[float] | FloatArray, null: Flo
         entries = [f"{name}_{entry}" for entry in ENTRIES]
         turns = body_rates([place[entry] for entry in entries], [rates[entry] for entry in entries])
         if np.abs(turns).max() <= 1e-9 * np.abs(null).max() and any(rates[entry] for entry in entries):
-            turns = (1.0, 1.0, 1.0)  # only the length changes, which has no inertia if no turn has
+            turns = (1.0, 1.0, 1.0)  # Only the length changes. It has no inertia if no turn has inertia.
         motion |= {f"{name}_body_{axis}": x for axis, x in zip(AXES, turns, strict=True)}
     size = np.abs([*motion.values()])
-    # The first of the largest entries is exactly 1.
+    # The first of the largest entries becomes exactly 1.
     unit = [*motion.values()][int(np.argmax(size > 0.999 * size.max()))]
     return few([f"{name} = {x / unit:.4g}" for name, x in motion.items() if abs(x / unit) > 1e-9])
 
 
 def no_inertia_along(motion: str) -> str:
-    """Return the beginning of a message on a motion without inertia, which has the text of `motion_along`."""
+    """Return the beginning of a message on a motion without inertia, whose text is that of `motion_along`."""
     if "," in motion:
         return f"a motion with {motion} has no inertia"
     name, _, axis = motion.removesuffix(" = 1").removesuffix(".dot").partition("_body_")
@@ -256,7 +261,7 @@ def few(parts: list[str]) -> str:
 def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed: bool = False) -> str:
     """Return the message for constraints that are dependent at every state that satisfies them.
 
-    `names` are those of all constraints, and `singular` has the indices of the dependent ones. `allowed` is true if
+    `names` are the names of all constraints, and `singular` has the indices of the dependent ones. `allowed` is true if
     the system was stated with redundant='allow', which changes the remedy.
     """
     if any(names[i].startswith(RELATION) for i, _ in singular.rows):
@@ -283,7 +288,7 @@ def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed:
 def contradiction(names: tuple[str, ...], singular: Singular) -> str:
     """Return the message for dependent constraints that no state satisfies.
 
-    `names` are those of all constraints, and `singular` has the indices of the dependent ones.
+    `names` are the names of all constraints, and `singular` has the indices of the dependent ones.
     """
     return (
         f"{dependent_rows(names, singular)} and contradict one another: no state was found that satisfies them "

@@ -1,9 +1,9 @@
-"""The linear equations M a = h: solved in symbols by cofactors, and the plan by which compiled code eliminates.
+"""Solve the linear equations M a = h: in symbols by cofactors, and for compiled code by a plan of elimination.
 
-Cofactors have the determinant as their only divisor, and det M is zero only where M is singular. Elimination divides
-by pivots. A pivot is a function of the state. It can be zero at a state where M is regular, such as theta = pi/2 or
-straight arms, and the formula is then wrong at this state. The sizes beyond which accelerations are not written out
-for people are in `textbook_algebra`.
+Cofactors have the determinant as their only divisor, and det M is zero only where M is singular. Elimination divides by
+pivots. A pivot is a function of the state. It can be zero at a state where M is regular, such as theta = pi/2 or
+straight arms, and the formula is then wrong at this state. The sizes beyond which accelerations are not written out for
+people are in `textbook_algebra`.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
 
 
 LEAST_REFUSED_BLOCK = 12
-"""Smallest block without zeros that is refused at once: nested cofactors have at least n 2**(n - 1) operations, 24,000.
-"""
+"""Smallest block without zeros that is refused at once. Its nested cofactors have at least n 2**(n - 1) operations,
+24,000."""
 
 
 def has_large_block(nonzero: Sequence[Sequence[bool]]) -> bool:
@@ -80,9 +80,9 @@ def _minor(
 
 
 def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
-    """Return True if the determinant is zero at a generic point.
+    """Return True if the determinant of a matrix is zero at a generic point.
 
-    It is computed in 50 digits and 10 more for each further row: a chain of 24 links has a determinant of 1e-30.
+    It is computed in 50 digits and 10 more for each further row, since a chain of 24 links has a determinant of 1e-30.
     """
     digits = 40 + 10 * len(matrix)
     point = distinct_values(sorted(sympy.Tuple(*(entry for row in matrix for entry in row)).free_symbols, key=str))
@@ -107,14 +107,15 @@ def distinct_values(symbols: Iterable[Any]) -> dict[Any, Any]:
 
 
 MOST_MINORS = 30_000
-"""Largest number of minors of one matrix, about 2 s. A chain of 20 rods has more, most of them zero: all are short."""
+"""Largest number of minors of one matrix, which takes about 2 s. A chain of 20 rods has more, but most of them are
+zero, and all are short."""
 
 
 class NestedCofactors:
-    """The solution M^-1 h by cofactors that are not multiplied out: each minor is one shared expression.
+    """Solution M^-1 h by cofactors that are not multiplied out. Each minor is one shared expression.
 
-    `longest` is the largest number of operations of a printed formula; TooLargeError is raised above it, and for more
-    than `MOST_MINORS` minors.
+    `longest` is the largest number of operations of a printed formula. TooLargeError is raised for longer formulas, and
+    for more than `MOST_MINORS` minors.
     """
 
     def __init__(self, matrix: Sequence[Sequence[Any]], bias: Sequence[Any], longest: int) -> None:
@@ -125,7 +126,7 @@ class NestedCofactors:
         self._minors: dict[tuple[tuple[int, ...], tuple[int, ...]], tuple[Any, int]] = {}
 
     def solution(self) -> list[Any]:
-        """Return M^-1 h, n expressions over one determinant."""
+        """Return M^-1 h, n expressions with the determinant as denominator."""
         n = len(self._matrix)
         everything = tuple(range(n))
         others = [everything[:i] + everything[i + 1 :] for i in everything]
@@ -192,7 +193,7 @@ def band_order(neighbours: Neighbours) -> list[int]:
 
 
 def _levels(root: int, neighbours: Neighbours) -> list[list[int]]:
-    """Return the unknowns in groups by their distance from the unknown `root`; few neighbours first in each group."""
+    """Return the unknowns in groups by their distance from `root`. In a group those with few neighbours come first."""
     levels, seen = [[root]], {root}
     while True:
         level: list[int] = []
@@ -238,10 +239,10 @@ class SolvePlan:
     """Plan to solve A x = b block by block.
 
     `blocks` are groups of unknowns that the symmetric matrix couples, in the order of elimination. Rows of later blocks
-    may contain unknowns of earlier blocks, as in variational equations. With `moving`, A changes along the motion;
-    otherwise A is factored once for each set of parameters. A is positive definite except for `multipliers`, unknowns
-    with negative pivots. `present` has the index pairs of entries that are not identically zero; with None all entries
-    are read.
+    may contain unknowns of earlier blocks, as in variational equations. If `moving` is true, A changes along the
+    motion; otherwise A is factored once for each set of parameters. A is positive definite except for `multipliers`,
+    unknowns with negative pivots. `present` has the index pairs of entries that are not identically zero. None means
+    all entries.
     """
 
     blocks: tuple[tuple[int, ...], ...]
@@ -251,7 +252,7 @@ class SolvePlan:
 
     @property
     def size(self) -> int:
-        """The number of unknowns of the linear system."""
+        """Number of unknowns of the linear system."""
         return sum(map(len, self.blocks))
 
     @property
@@ -266,7 +267,7 @@ class SolvePlan:
 
     @cached_property
     def triangle(self) -> tuple[tuple[int, int], ...]:
-        """Index pairs (i, j) of the entries that are read: lower triangles by rows, block by block."""
+        """Index pairs (i, j) of the entries that are used: lower triangles by rows, block by block."""
         lower = ((block[a], block[b]) for block in self.blocks for a in range(len(block)) for b in range(a + 1))
         return tuple(entry for entry in lower if self.present is None or entry in self.present)
 
@@ -279,7 +280,10 @@ class SolvePlan:
         return self.solver(matrix)(right)
 
     def solver(self, matrix: Sequence[Sequence[Node]]) -> Callable[[Sequence[Node]], list[Node]]:
-        """Return a function from a right-hand side to the solution x. The structure of the matrix is analysed once."""
+        """Return a function that maps a right-hand side to the solution x.
+
+        The structure of the matrix is analysed once.
+        """
         graph = matrix[0][0].graph
         earlier: list[list[int]] = []
         before: list[int] = []
@@ -336,7 +340,7 @@ def coupled(neighbours: Sequence[Sequence[int]]) -> tuple[tuple[int, ...], ...]:
 def eliminated(matrix: Sequence[Sequence[Node]], right: Sequence[Node], order: Sequence[int]) -> list[Node]:
     """Return the solution x of matrix * x = right for a regular matrix, by elimination in this order.
 
-    Rows are exchanged where a pivot is zero. The result consists of sums and products. Unlike the solution by a
+    Rows are exchanged if a pivot is zero. The result consists of sums and products. Unlike the solution by a
     `SolvePlan`, it needs no special rule in Taylor series.
     """
     graph, left = right[0].graph, list(order)

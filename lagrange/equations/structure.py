@@ -1,6 +1,6 @@
-"""Structure of a system: properties that select code, allow methods, and are reported to the user.
+"""Properties of the equations that select code, allow methods, and are reported to the user, such as a constant mass.
 
-Properties that select code are read off the expressions. So a property may be missed, but is never claimed wrongly.
+Properties that select code are found without algebra. So a property may be missed, but is never claimed wrongly.
 Reported properties are decided by proof or counterexample in `lagrange.equations.decisions`.
 """
 
@@ -19,17 +19,19 @@ from lagrange.statement.statement import Statement
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Properties of the equations. Coordinates are given by index.
+    """Properties of the equations. Coordinates are listed by index.
 
-    - `blocks`: groups of coordinates that the mass matrix couples.
-    - `constant_mass`, `forced` (forces or dissipation act), `position_only` (accelerations do not depend on
-      velocities): read off the expressions.
-    - `free`: coordinates without force, dissipation and constraint.
-    - `brief`: time is in a function other than a polynomial, a sine or a cosine, so a force may act for a moment only.
-    - `constraints`: names of the constraints; `nonlinear`: names of constraints that are not linear in the velocities.
-    - `workless`: constraint forces do no work.
-    - `first_order`: coordinates without inertia.
-    - `freedoms`: the number of independent velocities; a rotation has three, although its quaternion has four.
+    - `blocks` are groups of coordinates that the mass matrix couples.
+    - `constant_mass`, `forced` (forces or dissipation act) and `position_only` (accelerations do not depend on
+      velocities) are found without algebra.
+    - `free` are coordinates without force, dissipation and constraint.
+    - `brief` is true if time is in a function other than a polynomial, a sine or a cosine. So a force may act for a
+      moment only.
+    - `constraints` are the names of the constraints, and `nonlinear` the names of those that are not linear in the
+      velocities.
+    - `workless` is true if constraint forces do no work.
+    - `first_order` are coordinates without inertia.
+    - `freedoms` is the number of independent velocities. A rotation has three, although its quaternion has four.
     """
 
     names: tuple[str, ...]
@@ -48,7 +50,7 @@ class Structure:
 
     @property
     def separable(self) -> Verdict:
-        """True if the momenta depend on velocities alone; None if undecided."""
+        """True if the momenta depend on velocities alone, False if not, None if undecided."""
         return self.decisions.separable
 
     @cached_property
@@ -58,10 +60,10 @@ class Structure:
 
     @property
     def energy_kept(self) -> Verdict:
-        """True if the energy v.p - L is conserved; None if undecided.
+        """True if the energy v.p - L is conserved, False if not, None if undecided.
 
         The energy is conserved if explicit time, forces and dissipation together do no work. Constraints that depend on
-        time, or are not homogeneous in the velocities, may do work: the result is then None.
+        time, or are not homogeneous in the velocities, may do work. Then the result is None.
         """
         return self.decisions.powerless if self.workless else None
 
@@ -170,7 +172,7 @@ def find_structure(
     accelerations: Sequence[Node],
     first_order: tuple[int, ...] = (),
 ) -> Structure:
-    """Return the structure of a system. Properties that are only reported are decided when they are first read."""
+    """Return the structure of a system. Properties that are only reported are decided when they are first used."""
     constraints, inertia, graph = laws.constraints, plan_of(laws.mass), laws.time.graph
     free = [force is graph.zero for force in laws.extra]
     constrained = [any(row[i] is not graph.zero for row in constraints.gradient) for i in range(len(laws.q))]

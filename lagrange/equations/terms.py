@@ -1,4 +1,4 @@
-"""Sums of monomials in sines, cosines, powers and symbols: the algebra of a textbook derivation."""
+"""Arithmetic of sums of monomials in sines, cosines, powers and symbols, which textbook derivations and proofs use."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import sympy
 from sympy import Add, Expr, Function, Mul, Pow, Rational, S
 
 Monomial = tuple[tuple[int, Any], ...]
-"""Pairs (number of a factor, exponent), sorted by number; exponents are int or Rational."""
+"""Pairs (number of a factor, exponent), sorted by number. Exponents are int or Rational."""
 
-MonomialSum = dict[Monomial, Any]  # A sum: its monomials, each with a SymPy number
+MonomialSum = dict[Monomial, Any]  # A sum: {monomial: SymPy number}
 
 ONE: Monomial = ()
 
@@ -29,7 +29,7 @@ def raise_power(powers: dict[int, Any], factor: int, exponent: Any) -> None:
 
 
 def accumulate(terms: MonomialSum, monomial: Monomial, number: Any) -> None:
-    """Add number * monomial to a sum, in place; terms with the number zero are removed."""
+    """Add number * monomial to a sum, in place. Terms with the number zero are removed."""
     total = terms.get(monomial, S.Zero) + number
     if total == 0:
         terms.pop(monomial, None)
@@ -62,7 +62,7 @@ def common_factor(terms: MonomialSum) -> tuple[Any, Monomial, MonomialSum]:
 
 
 WIDEST_PRODUCT = 2000
-"""Largest number of terms of a product of sums that is multiplied out; a 30-link chain needs 900."""
+"""Largest number of terms of a product of sums that is multiplied out. A chain of 30 links needs 900."""
 SHORT_PRODUCT = 30
 HIGHEST_POWER = 6
 
@@ -70,11 +70,11 @@ _CO = {sympy.sin: sympy.cos, sympy.cos: sympy.sin}
 
 
 class TooLargeError(Exception):
-    """Raised if a sum is too large to be read by a person. Callers turn the exception into a message."""
+    """Error: a sum is too large to be read by a person. Callers turn the exception into a message."""
 
 
 class Magnitude(Function):
-    """|x| of a real x.
+    """Function |x| of a real x.
 
     The derivative of SymPy's Abs contains Derivative(re(x)) unless SymPy can prove that x is real.
     """
@@ -82,17 +82,17 @@ class Magnitude(Function):
     is_real = True
 
     def fdiff(self, argindex: int = 1) -> Any:
-        """Return the derivative of |x|, sign(x)."""
+        """Return the derivative of |x|, which is sign(x)."""
         return Direction(self.args[0])
 
 
 class Direction(Function):
-    """The sign of a real x. Its derivative is zero, so that equations of motion contain no Dirac delta."""
+    """Function sign(x) of a real x. Its derivative is zero, so that equations of motion contain no Dirac delta."""
 
     is_real = True
 
     def fdiff(self, argindex: int = 1) -> Any:
-        """Return the derivative of this function, zero."""
+        """Return the derivative of this function, which is zero."""
         return S.Zero
 
 
@@ -102,7 +102,7 @@ class Step(Function):
     is_real = True
 
     def fdiff(self, argindex: int = 1) -> Any:
-        """Return the derivative of this function, zero."""
+        """Return the derivative of this function, which is zero."""
         return S.Zero
 
 
@@ -126,7 +126,7 @@ def printable(expression: Any) -> Any:
 
 
 def with_known_signs(expression: Any) -> Any:
-    """Return the expression with |x|, sign and Heaviside evaluated where the sign of x is known: sign(0) is 0."""
+    """Return the expression with |x|, sign and Heaviside evaluated if the sign of x is known: sign(0) is 0."""
 
     def is_known(node: Any) -> bool:
         return node.func in (Magnitude, Direction, Step) and not printable(node).has(
@@ -145,7 +145,7 @@ def _exchange(expression: Any, table: Mapping[Any, Any]) -> Any:
 class Algebra:
     """Arithmetic on sums of monomials (`MonomialSum`) over one growing table of factors.
 
-    `budget` is the number of monomials that may still be created. Operations raise TooLargeError if it is exceeded.
+    `budget` is the number of monomials that may still be created. Operations raise TooLargeError beyond this number.
     """
 
     def __init__(self, budget: int) -> None:
@@ -162,7 +162,7 @@ class Algebra:
         self._slopes: dict[tuple[int, Any], MonomialSum] = {}
 
     def read(self, expression: Any) -> MonomialSum:
-        """Return the expression as a sum of monomials; products of at most `WIDEST_PRODUCT` terms are expanded."""
+        """Return the expression as a sum of monomials. Products of at most `WIDEST_PRODUCT` terms are expanded."""
         stored = self._read.get(expression)
         if stored is None:
             stored = self._read[expression] = self._read_new(expression)
@@ -207,7 +207,7 @@ class Algebra:
         return product
 
     def differentiate(self, terms: MonomialSum, symbol: Any) -> MonomialSum:
-        """Return the partial derivative of a sum with respect to a symbol."""
+        """Return the partial derivative of a sum by a symbol."""
         result: MonomialSum = {}
         for monomial, number in terms.items():
             for k, e in monomial:
@@ -225,14 +225,14 @@ class Algebra:
         return self.multiply(terms, {tuple((k, -e) for k, e in monomial): 1 / number})
 
     def spend(self, amount: int) -> None:
-        """Subtract `amount` monomials from the budget. Raises TooLargeError if the budget is exceeded."""
+        """Subtract `amount` monomials from the budget. Raises TooLargeError if the budget becomes negative."""
         self.budget -= amount
         if self.budget < 0:
             raise TooLargeError
 
     @contextmanager
     def at_most(self, amount: int) -> Iterator[None]:
-        """Context that limits the budget to `amount` monomials inside the `with` block."""
+        """Context manager that limits the budget to `amount` monomials inside the `with` block."""
         reserve = max(self.budget - amount, 0)
         self.budget -= reserve
         try:
@@ -293,8 +293,8 @@ class Algebra:
         """Yield (partner, sign, (rest, expression), exact) for monomial + sign * partner = rest * expression.
 
         These are the identities of sines and cosines that join a monomial with a `partner`, if the sum contains both.
-        With `exact`, the identity is used only if both terms have equal coefficients. Otherwise the sum would not get
-        shorter.
+        If `exact` is true, the identity is used only if both terms have equal coefficients. Otherwise the sum would not
+        get shorter.
         """
         circular = [(k, self._angles[k]) for k, e in monomial if k in self._angles and isinstance(e, int) and e > 0]
         exponents = dict(monomial)
@@ -436,7 +436,7 @@ class Algebra:
         return {monomial: number}, stated if as_stated else inside
 
     def tidy_roots(self, expression: Any) -> Any:
-        """Return the expression with the arguments of its roots merged: sqrt(r^2 cos(a)^2 + r^2 sin(a)^2) is |r|."""
+        """Return the expression with the arguments of roots merged: sqrt(r^2 cos(a)^2 + r^2 sin(a)^2) becomes |r|."""
         return expression.replace(
             lambda node: node.is_Pow and node.base.is_Add and node.exp.is_Rational and not node.exp.is_Integer,
             lambda node: differentiable(Pow(self._tidy(node.base), node.exp)),
@@ -455,7 +455,7 @@ class Algebra:
 def _addition_theorem(first: Any, second: Any, a: Any, b: Any, sign: int) -> Any:
     """Return first(a) second(b) + sign * cofirst(a) cosecond(b) as one sine or cosine.
 
-    `first` and `second` are sin or cos; the prefix co exchanges sin and cos.
+    `first` and `second` are sin or cos. The prefix co exchanges sin and cos.
     """
     if first is not second:
         return sympy.sin(a + sign * b) if first is sympy.sin else sympy.sin(b + sign * a)

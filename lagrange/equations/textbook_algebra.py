@@ -1,6 +1,6 @@
-"""The textbook derivation as sums of monomials: energies to accelerations, and proofs of zero.
+"""Textbook derivation as sums of monomials, from energies to accelerations; proofs that a sum is zero; limits of size.
 
-The limits of size above which formulas are not multiplied out, or are refused, are here, too.
+Above these limits formulas are not multiplied out, or are refused.
 
 A sum is proven zero for all values of its symbols as follows. Roots and quotients are multiplied out. Sines and cosines
 of sums and multiples are expanded to sines and cosines of their smallest parts. Even powers of sines are written in
@@ -42,11 +42,12 @@ from lagrange.statement.coordinate import acceleration_of, name_of, t
 from lagrange.statement.statement import Statement
 
 JUMPING = (sympy.Piecewise, sympy.sign, sympy.Heaviside, sympy.Max, sympy.Min)
-"""Functions with jumps in their values or derivatives. Their derivatives are zero beside a jump and do not show it."""
+"""Functions with jumps in their values or derivatives. Their derivatives are zero on both sides of a jump and do not
+show it."""
 
 
 class SmallTurn(NamedTuple):
-    """A small turn of a body about one of its own axes: a quasi-coordinate.
+    """Small turn of a body about one of its own axes, which is a quasi-coordinate.
 
     `coordinate` is the index of the turn among the coordinates. `others` are the indices of turns about the next two
     axes in cyclic order. `entries` are the nine symbols of the rotation matrix R by rows. `axis` is 0, 1 or 2.
@@ -59,11 +60,11 @@ class SmallTurn(NamedTuple):
 
 
 class StatedAlgebra:
-    """The stated energies, forces and constraints of a system as sums of monomials in real symbols.
+    """Stated energies, forces and constraints of a system as sums of monomials in real symbols.
 
-    Coordinates and velocities are dummy symbols, so that a parameter or coordinate with the name of a velocity
-    differs from the velocity. Each part is computed once. `budget` is the largest number of monomials; a part that
-    needs more raises TooLargeError.
+    Coordinates and velocities are dummy symbols, so that a parameter or coordinate with the name of a velocity differs
+    from the velocity. Each part is computed once. `budget` is the largest number of monomials. A part that needs more
+    raises TooLargeError.
     """
 
     def __init__(self, statement: Statement, budget: int, positive: Collection[str] = ()) -> None:
@@ -79,7 +80,7 @@ class StatedAlgebra:
             self.plain[statement.velocities[i]] = self.v[i]
             self.plain[acceleration_of(coordinate)] = self.a[i]
         self.entries = [tuple(Dummy(name_of(f), real=True) for f in entries) for entries in statement.entries]
-        """Entries of the rotations in a statement that is read in turns: nine of each, by rows."""
+        """Symbols of the entries of each rotation matrix, nine by rows, in a statement with small turns."""
         for functions, symbols in zip(statement.entries, self.entries, strict=True):
             self.plain |= dict(zip(functions, symbols, strict=True))
         self.decimal = False
@@ -97,7 +98,7 @@ class StatedAlgebra:
 
     @cached_property
     def mass(self) -> list[list[MonomialSum]]:
-        """The rows of M = dp/dv, merged."""
+        """Rows of the mass matrix M = dp/dv, with like terms merged."""
         upper = {
             (i, j): self.algebra.merge_angles(self.algebra.differentiate(p, self.v[j]))
             for i, p in enumerate(self.momenta)
@@ -107,7 +108,7 @@ class StatedAlgebra:
 
     @cached_property
     def energy(self) -> MonomialSum:
-        """The energy v . p - L, merged."""
+        """The energy v . p - L, with like terms merged."""
         work = (self.algebra.multiply(p, self.symbol(v)) for p, v in zip(self.momenta, self.v, strict=True))
         return self.algebra.merge_angles(self.algebra.add(self.algebra.scale(self.lagrangian, S.NegativeOne), *work))
 
@@ -119,21 +120,21 @@ class StatedAlgebra:
 
     @cached_property
     def applied(self) -> list[MonomialSum]:
-        """The stated forces less those of the dissipation, Q - dD/dv, one for each coordinate."""
+        """Stated forces less the forces of the dissipation, Q - dD/dv, one for each coordinate."""
         forces = map(self.read, self.statement.forces)
         minus = partial(self.algebra.scale, number=S.NegativeOne)
         return [self.algebra.add(force, minus(drag)) for force, drag in zip(forces, self.drags, strict=True)]
 
     @cached_property
     def power(self) -> MonomialSum:
-        """The rate of the energy without constraints, -dL/dt + (Q - dD/dv) . v."""
+        """Rate of the energy without constraints, -dL/dt + (Q - dD/dv) . v."""
         algebra = self.algebra
         work = [algebra.multiply(force, self.symbol(v)) for force, v in zip(self.applied, self.v, strict=True)]
         return algebra.add(algebra.scale(algebra.differentiate(self.lagrangian, self.time), S.NegativeOne), *work)
 
     @cached_property
     def turns(self) -> list[SmallTurn]:
-        """The small turns that describe rotations: the last coordinates, three for each rotation."""
+        """Small turns that describe rotations: the last coordinates, three for each rotation."""
         first = len(self.q) - 3 * len(self.entries)
         return [
             SmallTurn(begin + k, (begin + (k + 1) % 3, begin + (k + 2) % 3), entries, k)
@@ -168,7 +169,7 @@ class StatedAlgebra:
         return algebra.merge_angles(algebra.add({}, *moved, algebra.differentiate(terms, self.time)))
 
     def read(self, expression: Any) -> MonomialSum:
-        """Return a stated expression as a sum of monomials. Decimals are exact: 0.1 is one tenth."""
+        """Return a stated expression as a sum of monomials. Decimals become fractions: 0.1 is one tenth."""
         plain = expression.xreplace(self.plain)
         decimals = sorted(plain.atoms(Float), key=str)
         if decimals:
@@ -179,7 +180,7 @@ class StatedAlgebra:
     def jumps(self, *symbols: Any, twice: bool = False) -> bool:
         """Return True if L, D or a force has one of the symbols inside a function that jumps, such as sign.
 
-        With `twice` functions whose derivative jumps count too, such as Abs.
+        If `twice` is true, functions whose derivative jumps count too, such as Abs.
         """
         statement = self.statement
         stated = (statement.lagrangian, statement.dissipation, *statement.forces)
@@ -193,25 +194,27 @@ class StatedAlgebra:
 
 
 BUDGET = 300_000
-"""Largest number of monomials of one part: 3 to 4 s. The equations of a 30-link chain take 200,000."""
+"""Largest number of monomials of one part, which take 3 to 4 s. The equations of a chain of 30 links have 200,000."""
 EXPANDED_BLOCK = 3
 """Largest number of coupled coordinates whose accelerations are solved with expanded and merged determinants."""
 EXPANDED_WITH_MULTIPLIERS = 6
-"""The same for accelerations and multipliers of one block: half of their matrix is zero, and other terms often cancel.
-Two masses on two rods, six unknowns, take 0.3 s, and their formulas are a third as long as nested ones."""
+"""Largest number of coupled accelerations and multipliers solved in this way. Half of their matrix is zero, and other
+terms often cancel. Two masses on two rods, six unknowns, take 0.3 s, and their formulas are a third as long as nested
+ones."""
 EXPANDED_TERMS = 10_000
-"""Largest number of monomials of an expanded solution: 0.1 s. Beyond it the formulas stay nested. Three links need
+"""Largest number of monomials of an expanded solution, which take 0.1 s. Longer formulas stay nested. Three links need
 2,000."""
-LONGEST_FORMULA = 20_000  # Largest number of operations in one acceleration: some 50 printed pages
+LONGEST_FORMULA = 20_000  # Largest number of operations in one acceleration, about 50 printed pages
 LONGEST_SLOPES = 5_500
-"""Largest number of operations inside the derivatives of L by all coordinates together. 15 bodies with forces between
-all pairs have 5,000, and their derivation takes 6 s. A chain of 30 links has 2,000."""
+"""Largest number of operations in the derivatives of L by all coordinates together. 15 bodies with forces between all
+pairs have 5,000, and their derivation takes 6 s. A chain of 30 links has 2,000."""
 LARGEST_FRACTION = 10**6
-"""Fractions with larger numbers are shown as decimals, where the statement has decimals."""
+"""Largest numerator and denominator of fractions that are shown, if the statement has decimals. Others become
+decimals."""
 
 
 class TextbookAlgebra(StatedAlgebra):
-    """The textbook derivation of a statement as sums of monomials. Each part is computed once."""
+    """Textbook derivation of a statement as sums of monomials. Each part is computed once."""
 
     def __init__(self, statement: Statement, positive: Collection[str] = ()) -> None:
         super().__init__(statement, BUDGET, positive)
@@ -220,7 +223,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def mass(self) -> list[list[MonomialSum]]:
-        """The rows of M = dp/dv, merged and shortened."""
+        """Rows of the mass matrix M = dp/dv, merged and shortened."""
         return [[shortened(self.algebra, entry) for entry in row] for row in super().mass]
 
     @cached_property
@@ -242,7 +245,7 @@ class TextbookAlgebra(StatedAlgebra):
         return [self.algebra.merge_angles(slope) for slope in slopes]
 
     def require_short_slopes(self) -> None:
-        """Raise TooLargeError if the derivatives dL/dq of all coordinates would be too long. None is computed.
+        """Raise TooLargeError if the derivatives dL/dq of all coordinates would be too long, without computing them.
 
         The operations in each term of L are counted once for each coordinate in the term.
         """
@@ -260,7 +263,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def remainders(self) -> list[MonomialSum]:
-        """Terms beside M a on the left side of each equation: (dp/dq) v + dp/dt - dL/dq + dD/dv."""
+        """Terms other than M a on the left side of each equation: (dp/dq) v + dp/dt - dL/dq + dD/dv."""
         algebra = self.algebra
         return [
             algebra.merge_angles(algebra.add({}, drift, algebra.scale(pull, S.NegativeOne), drag))
@@ -277,7 +280,7 @@ class TextbookAlgebra(StatedAlgebra):
         ]
 
     def accelerated(self, rests: Sequence[MonomialSum]) -> list[Any]:
-        """Return M a + rest for each coordinate, in the stated symbols; each acceleration is written once.
+        """Return M a + rest for each coordinate, in the stated symbols. Each acceleration is written once.
 
         `rests` has one sum of monomials for each coordinate.
         """
@@ -305,7 +308,10 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def constraint_bias(self) -> list[MonomialSum]:
-        """The terms gamma of G a + gamma = 0: rates at constant velocities of psi, which is dphi/dt or as stated."""
+        """Terms gamma of G a + gamma = 0, which are rates of psi at constant velocities.
+
+        psi is dphi/dt of a holonomic constraint phi = 0, or the constraint on velocities as stated.
+        """
         return [
             self.at_constant_velocities(self.at_constant_velocities(zero) if constraint.holonomic else zero)
             for constraint in self.statement.constraints
@@ -314,7 +320,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def apart_from_multipliers(self) -> tuple[list[MonomialSum], list[list[MonomialSum]]]:
-        """Right-hand sides h without multipliers, and the rows of B: derivatives of h with respect to multipliers."""
+        """Right-hand sides h without multipliers, and the rows of B, the derivatives of h by the multipliers."""
         algebra, symbols = self.algebra, [constraint.multiplier for constraint in self.statement.constraints]
         minus = partial(algebra.scale, number=S.NegativeOne)
         pushes = [[algebra.differentiate(right, s) for s in symbols] for right in self.right_sides]
@@ -362,7 +368,7 @@ class TextbookAlgebra(StatedAlgebra):
                 if not determinant:
                     raise self.singular(block)
                 return [self.finish(self.collector.quotient(terms, determinant)) for terms in above]
-        # Cofactors that are too long stay products of nested minors.
+        # If they are too long, cofactors stay products of nested minors.
         entries = [[self.collector.write(entry) for entry in row] for row in matrix]
         right = [self.collector.write(entry) for entry in bias]
         if vanishes(entries):
@@ -410,7 +416,7 @@ class TextbookAlgebra(StatedAlgebra):
 
 
 def _unreadable(number: Any) -> bool:
-    """Return True if a fraction is better shown as a decimal: 981/100 is, 1/2 and 1/3 are not."""
+    """Return True if a fraction is better shown as a decimal, as 981/100, but not 1/2 and 1/3."""
     numerator, denominator = abs(int(number.p)), int(number.q)
     if max(numerator, denominator) > LARGEST_FRACTION:
         return True
@@ -422,15 +428,15 @@ def _unreadable(number: Any) -> bool:
 
 
 ROUNDS = 6
-"""Largest number of rounds of multiplying out roots and quotients; each removes one level of nesting."""
+"""Largest number of rounds in which roots and quotients are multiplied out. Each round removes one level of nesting."""
 
-MOST_PROOF_MONOMIALS = 40_000  # Largest number of monomials of one proof: half a second
+MOST_PROOF_MONOMIALS = 40_000  # Largest number of monomials of one proof, which take half a second
 _COMPOSITE = (sympy.sin, sympy.cos, sympy.sinh, sympy.cosh, sympy.tan)
-_SQUARES = {sympy.sin: (sympy.cos, -1), sympy.cosh: (sympy.sinh, 1)}  # f**2 = 1 + sign * g**2 by function
+_SQUARES = {sympy.sin: (sympy.cos, -1), sympy.cosh: (sympy.sinh, 1)}  # f**2 = 1 + sign * g**2, by function f
 
 
 def is_identity(algebra: Algebra, terms: MonomialSum) -> bool:
-    """Return True if the sum is proven to be zero; False if no proof was found."""
+    """Return True if the sum is proven to be zero, and False if no proof was found."""
     try:
         with algebra.at_most(MOST_PROOF_MONOMIALS):
             return not canonical(algebra, terms)
@@ -476,7 +482,7 @@ def _cleared(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> MonomialSum:
-    """Return `product` times a power of factor number `k` of the algebra; `exponent` is 0, 1, 2, ...
+    """Return `product` times a power of factor number `k` of the algebra. `exponent` is 0, 1, 2, ...
 
     A factor that is a sum is multiplied out.
     """
@@ -514,7 +520,7 @@ def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _units(arguments: list[Any]) -> dict[Any, Any]:
-    """Return {term: number}: all angles `arguments` are sums of whole multiples of number * term.
+    """Return {term: number}, so that all angles `arguments` are sums of whole multiples of number * term.
 
     For the angles x/2 + y and 3 x the result is {x: 1/2, y: 1}.
     """

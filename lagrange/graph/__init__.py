@@ -1,1 +1,1 @@
-"""The expression graph, whose equal nodes are one object: derivatives, evaluation, and the way from and to SymPy."""
+"""The expression graph, in which equal nodes are one object: derivatives, evaluation, translation from and to SymPy."""

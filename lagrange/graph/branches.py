@@ -1,7 +1,7 @@
-"""Conditions under which an expression reads each of its nodes, and nodes that may have no finite value.
+"""Find the conditions under which an expression evaluates each of its nodes, and nodes that may have no finite value.
 
-Only one branch of a piecewise is read. The other branches may have no value, for example a root of a negative number.
-So sign changes and domains of nodes in those branches must not be watched along a run.
+A piecewise expression evaluates one branch. The other branches may have no value, for example a root of a negative
+number. So sign changes and domains of nodes in those branches must not be monitored along a run.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from lagrange.statement.expression import parts_first
 
 LIMITED = frozenset(("log", "asin", "acos", "atan2", "pow", "exp", "sinh", "cosh", "acosh", "atanh", "nan"))
-"""Functions without finite value or derivative at some finite arguments."""
+"""Functions that have no finite value or no finite derivative at some finite arguments."""
 
 
 def limited(node: Node, known: dict[Node, bool]) -> bool:
-    """Return True if the node, or a node it depends on, may have no finite value at a finite state.
+    """Return True if `node`, or a node on which it depends, may have no finite value at a finite state.
 
     `known` has the results for other nodes, and is extended.
     """
@@ -36,10 +36,11 @@ def _is_limited(node: Node) -> bool:
 
 
 def read_when(graph: Graph, outputs: Sequence[Node]) -> Callable[[Node], Node]:
-    """Return a function from a node to the condition (a node, 1 if always) under which the outputs read that node.
+    """Return a function that maps a node to the condition under which the outputs use its value.
 
-    An argument of `and` is read only where the other argument holds. An argument of `or` is read only where the other
-    one does not hold. If the other one may have no value, the argument is always read.
+    The condition is a node, which is 1 if the value is always used. An argument of `and` is used only if the other
+    argument holds. An argument of `or` is used only if the other one does not hold. If the other argument may have no
+    value, the argument is always used.
     """
     order = reachable(outputs)
     if not any(node.kind is Kind.CALL and node.data == "piecewise" for node in order):
@@ -52,7 +53,10 @@ def read_when(graph: Graph, outputs: Sequence[Node]) -> Callable[[Node], Node]:
 
 
 def _readings(node: Node, when: Node, domains: dict[Node, bool]) -> list[tuple[Node, Node]]:
-    """Return each argument of a node with the condition under which it is read; `when` is that of the node."""
+    """Return pairs (argument of a node, condition under which its value is used).
+
+    `when` is the condition of the node.
+    """
     if node.kind is not Kind.CALL or node.data not in ("piecewise", "and", "or"):
         return [(arg, when) for arg in node.args]
     if node.data == "piecewise":
@@ -63,41 +67,45 @@ def _readings(node: Node, when: Node, domains: dict[Node, bool]) -> list[tuple[N
         return [*readings, (node.args[-1], when)]
     readings = []
     for arg, other in (node.args, node.args[::-1]):
-        # An argument is read if the other one does not decide the result, and always if that may have no value.
+        # An argument is used if the other one does not decide the result, and always if the other one may have no
+        # value.
         needed = when if limited(other, domains) else both(when, other if node.data == "and" else opposite(other))
         readings.append((arg, needed))
     return readings
 
 
 def both(a: Node, b: Node) -> Node:
-    """Return the condition `a and b`."""
+    """Return the condition "a and b" as a node."""
     one = a.graph.one
     return b if a is one or a is b else a if b is one else a.graph.call("and", a, b)
 
 
 def either(a: Node, b: Node) -> Node:
-    """Return the condition `a or b`."""
+    """Return the condition "a or b" as a node."""
     one = a.graph.one
     return one if a is one or b is one else a if a is b else a.graph.call("or", a, b)
 
 
 def opposite(condition: Node) -> Node:
-    """Return the negation of a condition."""
+    """Return the negation of a condition as a node."""
     return condition.graph.call("not", condition)
 
 
 def where_read(node: Node, condition: Node) -> Node:
-    """Return a node that equals `node` if the condition holds, else 1, which is finite and not zero."""
+    """Return a node that equals `node` if the condition holds, and else the constant 1.
+
+    Its value is then finite and not zero, so that no event is found there.
+    """
     graph = node.graph
     return node if condition is graph.one else graph.piecewise([(condition, node)], graph.one)
 
 
 @lru_cache(maxsize=64)
 def square_roots(graph: Graph, nodes: tuple[Node, ...]) -> Mapping[Node, Node]:
-    """Return {sqrt(base): power} for the bases of the fractional powers that the nodes depend on.
+    """Return {sqrt(base): power} for the bases of the fractional powers on which the nodes depend.
 
-    Among the powers of one base, the one with the least exponent in size is returned. A root has the value 1 where the
-    nodes do not read it. Powers of positions with exponents of at most -1 are left out. Cached, since many runs have
+    The power of a base is the one with the least magnitude of its exponent. A root has the value 1 if the nodes do not
+    use it. Powers of positions with exponents of at most -1 are left out. The result is cached, since many runs have
     the same events.
     """
     powers = [node for node in reachable(nodes) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]

@@ -1,9 +1,9 @@
-"""Derivatives as graph transformations: reverse mode for gradients, forward mode along a direction.
+"""Differentiate nodes of the graph: gradients by the reverse mode, derivatives along a direction by the forward mode.
 
-Both modes read the same local rules, `PARTIALS`. A choice (piecewise, min, max) is differentiated branch by branch, and
-the branch is selected last. Otherwise a zero from the branch not taken would be multiplied by infinities of that
-branch. For the same reason a choice is not multiplied by a factor that may be infinite. Instead each branch that is
-not zero is multiplied. So the derivative of sqrt(max(x, 0)) is 0 for x < 0.
+Both modes use the same local rules, `PARTIALS`. A choice (piecewise, min, max) is differentiated branch by branch, and
+the branch is selected last. Otherwise a zero from the branch that is not chosen would be multiplied by infinities of
+this branch. For the same reason a choice is not multiplied by a factor that may be infinite. Instead each branch that
+is not zero is multiplied. So the derivative of sqrt(max(x, 0)) is 0 for x < 0.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from lagrange.graph.branches import limited
 from lagrange.graph.node import Graph, Kind, Node, exact, reachable
 from lagrange.statement.vocabulary.functions import FUNCTIONS
 
-Partial = tuple[int, Node]  # Index of an argument, and the partial derivative of the node in it
+Partial = tuple[int, Node]  # Index of an argument, and the partial derivative of the node by this argument
 
 
 PARTIALS: dict[Kind, Callable[[Node], list[Partial]]] = {
@@ -27,11 +27,11 @@ PARTIALS: dict[Kind, Callable[[Node], list[Partial]]] = {
     ],
     Kind.CALL: lambda node: [(i, rule(node, *node.args)) for i, rule in enumerate(FUNCTIONS[node.data].partials)],
 }
-"""Partial derivatives of a node in its arguments, by kind."""
+"""Functions that return the partial derivatives of a node by its arguments, by kind of node."""
 
 
 def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:
-    """Return the derivatives of `output` with respect to the symbols, by one reverse sweep."""
+    """Return the derivatives of `output` by each of the symbols, computed in one reverse sweep."""
     graph = output.graph
     mask = _mask(symbols)
     order = reachable([output], mask)
@@ -44,7 +44,10 @@ def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:
 
 
 def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callable[[Node], Node]:
-    """Return a function from each of `outputs` to its derivative along the direction {symbol: component}."""
+    """Return a function that maps each of `outputs` to its derivative along a direction.
+
+    `direction` is {symbol: component}.
+    """
     outputs = list(outputs)
     table: dict[Node, Node] = dict(direction)
     domains = dict[Node, bool]()
@@ -57,9 +60,9 @@ def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callabl
 def _push(node: Node, tangents: dict[Node, Node], domains: dict[Node, bool]) -> None:
     """Add the derivative of a node along a direction to `tangents`, {node: derivative}.
 
-    The derivatives of its arguments are already there; an argument without an entry has the derivative zero. For an
-    unknown of a linear solve, the derivatives of all unknowns of this solve are added. `domains` tells which nodes may
-    have no finite value: a choice (piecewise, min, max) is multiplied by such a node branch by branch.
+    The derivatives of its arguments are already in `tangents`. An argument without an entry has the derivative zero.
+    For an unknown of a linear solve, the derivatives of all unknowns of this solve are added. `domains` maps nodes to
+    True if they may have no finite value. A choice (piecewise, min, max) is multiplied by such a node branch by branch.
     """
     graph = node.graph
     if node.kind is Kind.COMPONENT:
@@ -102,7 +105,7 @@ def _push_component(node: Node, tangents: dict[Node, Node]) -> None:
 def _sweep(
     graph: Graph, output: Node, order: list[Node], mask: int, gradients_of_choices: Mapping[Node, Mapping[Node, Node]]
 ) -> dict[Node, Node]:
-    """Return the derivative of `output` with respect to each symbol in the bit `mask`, by one reverse sweep.
+    """Return {symbol: derivative of `output`} for the symbols in the bit `mask`, computed in one reverse sweep.
 
     `order` has the nodes, arguments first. `gradients_of_choices` has the gradient of each choice (piecewise, min,
     max).
@@ -144,7 +147,10 @@ def _choice_gradient(
 
 
 def _branchwise(node: Node, derivatives: list[Node]) -> Node:
-    """Return a choice (piecewise, min, max) with `derivatives` in place of values; undefined where the choice is."""
+    """Return a choice (piecewise, min, max) with `derivatives` in place of values.
+
+    It is undefined where the choice is.
+    """
     last = node.args[-1]
     undefined = last.kind is Kind.CALL and last.data == "nan"
     otherwise = last if undefined else derivatives[-1]
@@ -152,7 +158,10 @@ def _branchwise(node: Node, derivatives: list[Node]) -> Node:
 
 
 def _chosen(derivative: Node, factor: Node, domains: dict[Node, bool]) -> Node:
-    """Return derivative * factor. A factor that may be infinite multiplies only the nonzero branches of a choice."""
+    """Return derivative * factor. A factor that may be infinite multiplies only the nonzero branches of a choice.
+
+    `domains` caches for nodes whether they may have no finite value.
+    """
     graph = derivative.graph
     choice = derivative.kind is Kind.CALL and derivative.data == "piecewise" and graph.zero in derivative.args
     if not choice or not limited(factor, domains):

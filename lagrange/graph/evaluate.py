@@ -1,6 +1,6 @@
-"""Values of nodes: in many digits, in doubles at many points, and modulo a prime, for the rank of a matrix.
+"""Evaluate nodes in many digits, in doubles at many points, and modulo a prime; find ranks and sizes of terms.
 
-Also here are the sizes of the terms of an expression: the scale for deciding whether its value is zero.
+The size of an expression is the magnitude of its terms, a scale for deciding whether its value is zero.
 """
 
 from __future__ import annotations
@@ -21,12 +21,16 @@ from lagrange.graph.node import Kind, Node, reachable
 from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 BEYOND_DOUBLES = mpmath.mpf(2) ** 1024
-"""Smallest number beyond all doubles; larger values are refused. Their sine would need as many digits of pi."""
+"""Smallest number beyond all doubles. Larger values are refused, since their sine would need as many digits of pi."""
 
 
 @dataclass(frozen=True)
 class NumberType:
-    """The arithmetic of a number type: conversion from a fraction, sum, product, power, choice and functions."""
+    """Arithmetic of a number type, as functions.
+
+    `number` converts a fraction. `total` adds and `product` multiplies a list. `power` takes base and exponent.
+    `choose` takes a condition and two values. `functions` are by name.
+    """
 
     number: Callable[[Fraction], Any]
     total: Callable[[list[Any]], Any]
@@ -37,9 +41,9 @@ class NumberType:
 
 
 def values(outputs: Iterable[Node], point: Mapping[Node, Any], context: Any) -> tuple[list[Any], Any] | None:
-    """Return the outputs as numbers of an mpmath context, and the largest absolute value of all nodes evaluated.
+    """Return the outputs as numbers of an mpmath context, and the largest magnitude of all values computed.
 
-    `point` has a number for every symbol. Return None if a value is not a real number in the range of doubles. Outputs
+    `point` has a number for every symbol. Returns None if a value is not a real number in the range of doubles. Outputs
     must not contain linear solves.
     """
     outputs = list(outputs)
@@ -116,11 +120,11 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "or": lambda context, a, b: a or b,
     "not": lambda context, a: not a,
 }
-"""Functions of nodes in many digits; arguments are an mpmath context, then numbers."""
+"""Functions of nodes in many digits. Their arguments are an mpmath context, then its numbers."""
 
 
 def precise(digits: int) -> Any:
-    """Return a new mpmath context with that many digits."""
+    """Return a new mpmath context whose numbers have `digits` decimal digits."""
     context = mpmath.MPContext()
     context.dps = digits
     return context
@@ -128,7 +132,7 @@ def precise(digits: int) -> Any:
 
 @cache
 def _numbers_of(context: Any) -> NumberType:
-    """Return the arithmetic of an mpmath context's numbers as a `NumberType`."""
+    """Return the arithmetic of the numbers of an mpmath context as a `NumberType`."""
     return NumberType(
         number=lambda value: context.mpf(value.numerator) / value.denominator,
         total=context.fsum,
@@ -153,7 +157,7 @@ DOUBLE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "or": np.logical_or,
     "not": np.logical_not,
 }
-"""Functions of nodes in doubles, on numbers or arrays; programs use them too."""
+"""Functions of nodes in double precision, for numbers and arrays. Programs use them too."""
 
 DOUBLES = NumberType(
     number=float,
@@ -175,7 +179,7 @@ PRIME = 2**61 - 1
 
 
 def generic_rank(matrix: Sequence[Sequence[Node]]) -> int:
-    """Return the rank of a matrix of nodes at almost every point."""
+    """Return the rank of a matrix of nodes at almost every point, computed modulo `PRIME` at a random one."""
     nodes = [node for row in matrix for node in row]
     values = _residues(nodes)
     rows = [[values[node] for node in row] for row in matrix]
@@ -197,7 +201,10 @@ def generic_rank(matrix: Sequence[Sequence[Node]]) -> int:
 
 
 def _residues(outputs: Sequence[Node]) -> dict[Node, int]:
-    """Return {node: residue modulo `PRIME`} for every node that the outputs depend on."""
+    """Return {node: residue modulo `PRIME`} for every node on which the outputs depend.
+
+    Symbols and values of functions get random residues. Sine and cosine of an angle satisfy sin**2 + cos**2 = 1.
+    """
     chosen = random.Random(1)
     residues: dict[Node, int] = {}
     circle: dict[Node, tuple[int, int]] = {}
@@ -227,21 +234,21 @@ def _residues(outputs: Sequence[Node]) -> dict[Node, int]:
 
 
 BOUNDED = frozenset(elementary.name for elementary in ELEMENTARY.values() if elementary.size == "bounded")
-"""Functions with values up to 1; their size is 1."""
+"""Functions whose values are at most 1 in magnitude. Their size is 1."""
 
 AT_LEAST_ONE = frozenset(
     ("atan2", *(elementary.name for elementary in ELEMENTARY.values() if elementary.size == "unit"))
 )
-"""Functions with dimensionless argument or value, in whose argument terms may cancel; their size is at least 1."""
+"""Functions with dimensionless argument or value, in whose argument terms may cancel. Their size is at least 1."""
 
 
 def term_sizes(outputs: Iterable[Node]) -> list[Node]:
-    """Return the size of each output, the scale for deciding whether it is zero, as a node that is not negative.
+    """Return the size of each output as a node that is not negative: a scale for deciding whether the output is zero.
 
     The size of a sum is the sum of the sizes of its terms. The size of a product is the product of the sizes of its
     factors. Bounded functions, and functions whose value is an angle or a logarithm, have a size of at least 1, the
-    unit of their argument or value. So x**2 + y**2 - l**2 has the size x**2 + y**2 + l**2, and l sin(a) the size l at
-    every angle.
+    unit of their argument or value. So x**2 + y**2 - l**2 has the size x**2 + y**2 + l**2, and l sin(a) has the size l
+    at every angle.
     """
     outputs = list(outputs)
     sizes: dict[Node, Node] = {}
@@ -251,7 +258,7 @@ def term_sizes(outputs: Iterable[Node]) -> list[Node]:
 
 
 def _size(node: Node, sizes: dict[Node, Node]) -> Node:
-    """Return the node of the size of a node, from the sizes of its arguments.
+    """Return the size of a node as a node, from the `sizes` of its arguments.
 
     The size is the magnitude that the value would have if no terms cancelled.
     """

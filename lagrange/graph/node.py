@@ -1,8 +1,8 @@
-"""Interned nodes of expressions, simplified when they are built: equal expressions are one node.
+"""Nodes and graphs of expressions. Nodes are simplified when they are built, and equal expressions are one node.
 
-A `Graph` owns its nodes. Constructors simplify locally (fold constants, drop zeros, merge equal terms and factors, take
-out a common factor) and return an existing node wherever one fits. Arguments are always older than the node that uses
-them: sorting by `id` is a topological order, and no walk needs recursion.
+A `Graph` owns its nodes. Its methods simplify locally (fold constants, drop zeros, merge equal terms and factors, take
+out a common factor), and return an existing node if one fits. Arguments are always older than the node that uses them.
+So sorting by `id` is a topological order, and no traversal needs recursion.
 """
 
 from __future__ import annotations
@@ -26,20 +26,21 @@ Exact: TypeAlias = int | Fraction
 Rows: TypeAlias = "Sequence[Sequence[Node]]"
 
 LARGEST_POWER = 4096
-"""Largest exponent that is folded into an exact constant; larger powers would not fit a double."""
+"""Largest exponent that is folded into an exact constant. The value of a larger power does not fit into a double."""
 
 LONGEST_FLAT = 16
-"""Longest product that merges into another: the adjoints of a deep nesting would grow by a factor per level."""
+"""Largest number of factors of a product that is merged into another product. Without this limit the derivatives of a
+deep nesting would grow by a factor per level."""
 
 LONGEST_PRODUCT = 4 * LONGEST_FLAT
-"""Largest number of factors in one node; a longer product becomes a product of products, because each factor has its
+"""Largest number of factors in one node. A longer product becomes a product of products, because each factor has its
 own derivative."""
 
-_ADDING = threading.Lock()  # Lock for adding a node: threads that run one model share its graph
+_ADDING = threading.Lock()  # Lock for adding a node, since threads that run one model share its graph
 
 
 class Binding(enum.IntEnum):
-    """Latest kind of quantity that a node depends on, from constants to accelerations.
+    """Latest kind of quantity on which a node depends, from constants to accelerations.
 
     Nodes up to PARAMETER are computed once per run.
     """
@@ -53,21 +54,25 @@ class Binding(enum.IntEnum):
 
 
 class Kind(enum.Enum):
-    """Kinds of nodes. The comment after each kind says what `data` of a node of this kind contains."""
+    """Kinds of nodes. The comment after each kind says what `data` of such a node contains."""
 
-    CONSTANT = "constant"  # the exact value
-    SYMBOL = "symbol"  # its name
-    SUM = "sum"  # (constant, coefficients), one coefficient per argument
+    CONSTANT = "constant"  # The exact value
+    SYMBOL = "symbol"  # The name
+    SUM = "sum"  # (constant, coefficients), with one coefficient per argument
     PRODUCT = "product"  # None
-    POWER = "power"  # the exact exponent
-    CALL = "call"  # the function's name
-    FACTOR = "factor"  # (n, (i, ...)): a symmetric matrix, lower triangle by rows, whose pivots i are below zero
-    SOLVE = "solve"  # n: (factor, right-hand side) -> solution
-    COMPONENT = "component"  # i: one entry of a SOLVE
+    POWER = "power"  # The exact exponent
+    CALL = "call"  # The function's name
+    FACTOR = "factor"  # (n, (i, ...)): a symmetric matrix, lower triangle by rows, whose pivots i are negative
+    SOLVE = "solve"  # n, the number of unknowns; the arguments are a factor and the right-hand side
+    COMPONENT = "component"  # i, the index of an entry of a SOLVE
 
 
 class Node:
-    """One interned expression. Nodes are made by methods of `Graph`, never directly."""
+    """Expression in a graph, which exists only once there. Nodes are created by methods of `Graph`, never directly.
+
+    `args` are the argument nodes, `depends` has a bit for each symbol in the expression, and `id` is the index in the
+    graph.
+    """
 
     __slots__ = ("args", "binding", "data", "depends", "graph", "id", "kind")
 
@@ -99,7 +104,7 @@ class Node:
 
     def __mul__(self, other: Node | Exact | float) -> Node:
         if not isinstance(other, (Node, int, float, Rational)):
-            return NotImplemented  # so that a step function may write h * f(t, y) as well as f(t, y) * h
+            return NotImplemented  # So a step function may contain h * f(t, y) as well as f(t, y) * h
         return self.graph.product((self, self.graph.node(other)))
 
     __rmul__ = __mul__
@@ -120,7 +125,7 @@ class Node:
 
 
 def exact(value: Exact | float) -> Exact:
-    """Return the value as an int if it is whole, else as a Fraction; a float has its exact binary value."""
+    """Return the value as an int if it is whole, else as a Fraction. A float has its exact binary value."""
     if isinstance(value, int):
         return value
     if isinstance(value, float) and not math.isfinite(value):
@@ -132,15 +137,14 @@ def exact(value: Exact | float) -> Exact:
 
 
 class Graph:
-    """A hash-consed expression graph and the only maker of its nodes."""
+    """Expression graph with hash-consing, which creates all its nodes."""
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._table: dict[tuple[Any, ...], Node] = {}
         self._symbols = 0
-        self.rates: dict[
-            Node, Node
-        ] = {}  # time derivatives of symbols that depend on time alone: 1 for time, the rates of inputs
+        # Time derivatives of symbols that depend on time alone: 1 for time, and the rates of inputs.
+        self.rates: dict[Node, Node] = {}
         self.zero, self.one = self.constant(0), self.constant(1)
 
     def _intern(self, kind: Kind, args: tuple[Node, ...], data: Any) -> Node:
@@ -161,7 +165,7 @@ class Graph:
         return self._table[key]
 
     def node(self, value: Node | Exact | float) -> Node:
-        """Return a node unchanged; return a number as a constant node."""
+        """Return a node unchanged, and a number as a constant node."""
         return value if isinstance(value, Node) else self.constant(value)
 
     def constant(self, value: Exact | float) -> Node:
@@ -169,7 +173,7 @@ class Graph:
         return self._intern(Kind.CONSTANT, (), exact(value))
 
     def symbol(self, name: str, binding: Binding) -> Node:
-        """Return the symbol node `name`: the existing one, or a new one with the given `binding`."""
+        """Return the symbol node `name`: the existing one, or a new one with this `binding`."""
         key = (Kind.SYMBOL, name)
         with _ADDING:
             if key not in self._table:
@@ -179,7 +183,7 @@ class Graph:
         return self._table[key]
 
     def sum(self, terms: Iterable[tuple[Exact, Node]], constant: Exact = 0) -> Node:
-        """Return the node of constant + sum of coefficient * node; `terms` are pairs (coefficient, node)."""
+        """Return the node of constant + sum of coefficient * node. `terms` are pairs (coefficient, node)."""
         merged: dict[Node, Exact] = {}
         for coefficient, node in terms:
             if node.kind is Kind.CONSTANT:
@@ -201,7 +205,7 @@ class Graph:
         return self._intern(Kind.SUM, tuple(node for _, node, _ in items), (constant, tuple(c for _, _, c in items)))
 
     def _join_squares(self, terms: dict[Node, Exact]) -> Exact:
-        """Replace each pair of terms c r sin(a)**2 + c r cos(a)**2 by c r, in place. c is a coefficient, r a product.
+        """Replace pairs of terms c r sin(a)**2 + c r cos(a)**2 by c r, in place. c is a coefficient, and r a product.
 
         If r is a constant, the pair is removed instead. Return the sum of those constants c r.
         """
@@ -227,7 +231,7 @@ class Graph:
     def _factored(self, items: list[tuple[Node, Exact]]) -> Node:
         """Return the sum of terms (node, coefficient) with their common factors taken out.
 
-        If they have none, a common coefficient is taken out.
+        If they have no common factor, a common coefficient is taken out.
         """
         first = items[0][1]
         scale: Exact = first if all(abs(c) == abs(first) for _, c in items) else 1
@@ -245,7 +249,7 @@ class Graph:
         return node if scale == 1 else self._intern(Kind.SUM, (node,), (0, (scale,)))
 
     def product(self, factors: Iterable[Node]) -> Node:
-        """Return the product of the nodes."""
+        """Return the product of the nodes, with equal factors merged into powers."""
         coefficient: Exact = 1
         exponents: dict[Node, Exact] = {}
         stack = list(factors)
@@ -305,8 +309,8 @@ class Graph:
         """Return pairs (part, n) whose powers part**n have the product `base`, or None.
 
         It is None unless all factors that change are even powers. A factor changes if it depends on more than
-        parameters. Its part is an absolute value, so that (x**2)**e becomes |x|**(2 e). The Taylor series of
-        sqrt(x**2) itself would continue as x beyond x = 0.
+        parameters. Its part is an absolute value, so that (x**2)**e becomes |x|**(2 e). The Taylor series of sqrt(x**2)
+        itself would continue as x beyond x = 0.
         """
         if _is_scaled(base) and base.data[1][0] > 0:
             parts = self._squares(base.args[0])
@@ -318,7 +322,7 @@ class Graph:
         return [*rest, *((self.call("abs", factor.args[0]), factor.data) for factor in moving)]
 
     def call(self, name: str, *args: Node) -> Node:
-        """Return the value of an elementary function, given by its name in `FUNCTIONS`, at the arguments."""
+        """Return the value of the function `name`, a key of `FUNCTIONS`, at the arguments. Constants are folded."""
         function = FUNCTIONS[name]
         if function.arity is not None and len(args) != function.arity:
             raise StatementError(f"{name} takes {function.arity} arguments, not {len(args)}.")
@@ -338,7 +342,7 @@ class Graph:
         return self._intern(Kind.CALL, args, name)
 
     def piecewise(self, branches: Sequence[tuple[Node, Node]], otherwise: Node | None = None) -> Node:
-        """Return the value of the first branch (condition, value) that holds, else `otherwise`, by default NaN."""
+        """Return the value of the first branch (condition, value) whose condition holds, else `otherwise` or NaN."""
         last = self.call("nan") if otherwise is None else otherwise
         if all(value is last for _, value in branches):
             return last
@@ -348,7 +352,7 @@ class Graph:
     def solve(self, matrix: Rows, right: Sequence[Node], negative: Sequence[int] = ()) -> list[Node]:
         """Return the unknowns x of matrix * x = right, one node each, for a symmetric matrix.
 
-        Only the lower triangle is read. `negative` has the indices of the pivots that are negative.
+        Only the lower triangle is used. `negative` has the indices of the pivots that are negative.
         """
         n = len(right)
         if n == 1:
@@ -369,7 +373,7 @@ class Graph:
 
 
 def reachable(outputs: Iterable[Node], mask: int = -1, excluded: Collection[Node] = ()) -> list[Node]:
-    """Return the nodes that the outputs depend on, outputs included, arguments before the nodes that use them.
+    """Return the nodes on which the outputs depend, outputs included, arguments before the nodes that use them.
 
     With a bit `mask` of symbols, only nodes that depend on one of these symbols are returned. Nodes in `excluded` are
     left out, and so are nodes that only they need.
@@ -391,7 +395,7 @@ def _is_scaled(node: Node) -> bool:
 def _irreducible(node: Node) -> bool:
     """Return True if a product keeps a node as one factor.
 
-    A constant, a multiple of a node and a short product are taken apart into their factors.
+    A constant, a multiple of a node and a short product are divided into their factors instead.
     """
     short = node.kind is Kind.PRODUCT and len(node.args) <= LONGEST_FLAT
     return not (short or node.kind is Kind.CONSTANT or _is_scaled(node))
@@ -402,7 +406,7 @@ def _factors(node: Node) -> tuple[Node, ...]:
 
 
 def _square_of(node: Node, name: str) -> Node | None:
-    """Return the factor f(a)**2 of a product, where f is the function `name`, or None."""
+    """Return the factor f(a)**2 of a product, where f is the function `name`. None without such a factor."""
     for factor in _factors(node):
         if factor.kind is Kind.POWER and factor.data == 2:
             base = factor.args[0]
@@ -440,7 +444,7 @@ def rebuild(node: Node, args: Sequence[Node]) -> Node:
 
 
 def substitute(outputs: Iterable[Node], replacements: Mapping[Node, Node]) -> list[Node]:
-    """Return the outputs with some nodes, usually symbols, replaced."""
+    """Return the outputs with some nodes, usually symbols, replaced: {node: replacement}."""
     outputs = list(outputs)
     table = dict(replacements)
     for node in reachable(outputs, excluded=replacements.keys()):
@@ -449,14 +453,14 @@ def substitute(outputs: Iterable[Node], replacements: Mapping[Node, Node]) -> li
 
 
 class Substitution:
-    """Replaces nodes by others. Replacements may be added between calls; rebuilt nodes are cached."""
+    """Callable that replaces nodes by others. Replacements may be added between calls. Rebuilt nodes are cached."""
 
     def __init__(self) -> None:
         self._replaced: dict[Node, Node] = {}
         self._table: dict[Node, Node] = {}
 
     def __call__(self, node: Node) -> Node:
-        """Return the node with all replacements so far applied."""
+        """Return the node after all replacements that were added."""
         table = self._table
         missing: set[Node] = set()
         stack = [node]
@@ -473,14 +477,14 @@ class Substitution:
         """Replace `node` by `other` in later calls."""
         self._replaced[node] = other
         if self._table.get(node, other) is not other:
-            # Cached nodes that contain this one were built from its old value.
+            # Cached nodes that contain this node were built from its old value.
             self._table = dict(self._replaced)
         self._table[node] = other
 
 
 @dataclass(frozen=True)
 class _Split:
-    """A sum that contains another one: `ratio` times the sum `part`, plus the terms of `rest`."""
+    """Sum that contains another one: `ratio` times the sum `part`, plus the terms `rest`, pairs (coefficient, node)."""
 
     ratio: Exact
     part: Node
@@ -488,11 +492,11 @@ class _Split:
 
 
 def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
-    """Return the outputs rebuilt so that a sum refers to the longest other sum whose terms it contains.
+    """Return the outputs rebuilt so that a sum uses the longest other sum whose terms it contains.
 
     In a chain of links, the position of link k is stated as a sum of k terms. SymPy flattens each of these sums, so
-    they overlap without sharing a node, and every derivative repeats their terms. Here S = a + b + c + d becomes P + d
-    where P = a + b + c is a separate sum: cost falls from quadratic to linear in the length of the chain.
+    they overlap without sharing a node, and every derivative repeats their terms. Here S = a + b + c + d becomes P + d,
+    where P = a + b + c is a separate sum. The cost falls from quadratic to linear in the length of the chain.
     """
     order = reachable(outputs)
     splits = _splits([node for node in order if node.kind is Kind.SUM and len(node.args) > 1])
@@ -511,7 +515,7 @@ def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
 
 
 def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Node]) -> list[Node]:
-    """Return a sum, the sum that it contains, the sum that this one contains, and so on, shortest first.
+    """Return a sum, the sum that it contains, the sum that this one contains, and so on, the shortest first.
 
     `splits` has the contained sum of each sum that has one. The chain ends before a sum that is already in `built`.
     """
@@ -527,10 +531,10 @@ def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Nod
 def _splits(sums: list[Node]) -> dict[Node, _Split]:
     """Return {sum: its split into a multiple of the longest other sum that it contains, and the other terms}.
 
-    The contained sum has no constant. A sum that contains no other one is left out.
+    The contained sum has no constant. A sum that contains no other sum is left out.
     """
     spread = Counter(term for node in sums for term in node.args)
-    # Each sum is looked up by its rarest term: a term of every sum would pair all with all.
+    # Each sum is found by its rarest term. With a term that all sums have, all pairs would be compared.
     by_rarest: dict[Node, list[Node]] = {}
     splits: dict[Node, _Split] = {}
     for node in sorted(sums, key=lambda s: (len(s.args), s.id)):
@@ -547,7 +551,10 @@ def _splits(sums: list[Node]) -> dict[Node, _Split]:
 
 
 def _split(terms: dict[Node, Exact], part: Node) -> _Split | None:
-    """Write a sum {node: coefficient} as a multiple of the sum `part`, plus a rest; None if that is not possible."""
+    """Return a sum {node: coefficient} as a multiple of the sum `part`, plus other terms.
+
+    None if that is not possible.
+    """
     if any(term not in terms for term in part.args):
         return None
     coefficients = dict(zip(part.args, part.data[1], strict=True))

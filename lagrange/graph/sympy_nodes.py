@@ -1,4 +1,7 @@
-"""Translation of SymPy expressions into graph nodes and back, without recursion; each distinct subexpression once."""
+"""Translate SymPy expressions into graph nodes and back, without recursion.
+
+Each distinct subexpression is translated once.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +21,15 @@ from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 SINC_RADIUS = Fraction(1, 2)  # Largest |a| at which sinc(a) is computed by its series
 SINC_TERMS = 12
-"""Terms of this series. The first omitted term, a**24/25!, is 4e-33 at the radius, its fourth derivative 1e-26."""
+"""Number of terms of this series. The first omitted term, a**24/25!, is 4e-33 at the radius, its fourth derivative
+1e-26."""
 
 
 class Translator:
-    """Translates SymPy expressions into one graph; `leaves` maps symbols, coordinates and velocities to their nodes."""
+    """Callable that translates SymPy expressions into one graph.
+
+    `leaves` maps symbols, coordinates and velocities to their nodes.
+    """
 
     def __init__(self, graph: Graph, leaves: Mapping[Any, Node]) -> None:
         self.graph = graph
@@ -80,7 +87,7 @@ def _piecewise(graph: Graph, *args: Node) -> Node:
 
 
 def _sinc(graph: Graph, a: Node) -> Node:
-    """Return sin(a)/a. Near 0 it is a series, since the quotient and its derivatives lose digits there."""
+    """Return the node of sin(a)/a. Near 0 it is a series, since the quotient and its derivatives lose digits there."""
     terms = [Fraction((-1) ** k, factorial(2 * k + 1)) for k in range(SINC_TERMS)]
     square, series = a**2, graph.zero
     for term in reversed(terms):
@@ -99,7 +106,7 @@ def _heaviside(graph: Graph, a: Node, middle: Node) -> Node:
 
 
 def _either(graph: Graph, condition: Node, then: Node, otherwise: Node) -> Node:
-    """Return the condition `then` where `condition` holds, else the condition `otherwise` (SymPy's ITE)."""
+    """Return the condition `then` if `condition` holds, else the condition `otherwise`, as a node (SymPy's ITE)."""
     ways = [(condition, then), (graph.call("not", condition), otherwise)]
     both = [a if b is graph.one else graph.call("and", a, b) for a, b in ways if b is not graph.zero]
     return _fold("or")(graph, *both) if both else graph.zero
@@ -147,7 +154,7 @@ _BUILD: dict[Any, Callable[..., Node]] = {
 
 
 def to_sympy(node: Node, symbols: Mapping[Node, Any]) -> Any:
-    """Return the node as a SymPy expression; `symbols` maps symbol nodes to SymPy symbols."""
+    """Return the node as a SymPy expression. `symbols` maps symbol nodes to SymPy symbols."""
     table: dict[Node, Any] = dict(symbols)
     for step in reachable([node]):
         if step not in table and step.kind not in (Kind.FACTOR, Kind.SOLVE):
@@ -215,4 +222,4 @@ SPELLING: dict[str, Callable[..., Any]] = {
     "not": sympy.Not,
     "piecewise": _piecewise_of,
 }
-"""SymPy function or class by the name of a function in the graph."""
+"""SymPy functions and classes, by the name of the function in the graph."""

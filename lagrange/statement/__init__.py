@@ -1,1 +1,1 @@
-"""The statement of a system: coordinates, energies, forces and parameters, checked, in the user's symbols."""
+"""The statement of a system: coordinates, energies, forces and parameters in the user's symbols, read and checked."""

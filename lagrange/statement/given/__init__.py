@@ -1,1 +1,1 @@
-"""Given functions: known motions, inputs, and tables of measured values."""
+"""Given functions of time: known motions, inputs, and tables of measured values."""

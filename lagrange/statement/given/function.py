@@ -1,4 +1,4 @@
-"""Given functions of time: known motions and inputs. Each is an expression in t, a table, or open (without values)."""
+"""Given functions of time, `lagrange.given`: known motions as expressions or tables, and inputs without values."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from lagrange.statement.parameters import Survey, check_rate, rate_name
 from lagrange.statement.statement import Statement
 
 DEGREE = 3
-"""Degree of the polynomial that replaces an open function while the structure of the equations is analysed."""
+"""Degree of the polynomial that replaces a function without values while the structure of the equations is analysed."""
 EXTRA_ORDERS = 2
-"""Number of derivatives of an input beyond the highest in the statement that are provided: equations contain no higher
-ones."""
+"""Number of derivatives of an input beyond the highest one in the statement. Equations contain no higher
+derivatives."""
 
 
 def given(name: str, values: Any = None) -> Any:
@@ -38,7 +38,10 @@ def given(name: str, values: Any = None) -> Any:
 
 
 def _values(what: str, values: Any) -> Any:
-    """Return the values of a given function, which messages call `what`: an expression, a table or None."""
+    """Return the checked values of a given function: an expression in t and parameters, a table, or None.
+
+    `what` is the name of the function in messages. Raises StatementError for other values.
+    """
     if values is None:
         return None
     if isinstance(values, (list, tuple, np.ndarray)):
@@ -68,7 +71,10 @@ def _values(what: str, values: Any) -> Any:
 
 
 def coordinate_or_given(name: str, coordinates: Sequence[str]) -> str:
-    """Return the message for an undeclared function of time: it may be meant as a coordinate or as a given motion."""
+    """Return the message for an undeclared function of time, which may be meant as a coordinate or as a given motion.
+
+    `coordinates` are the names of the declared coordinates.
+    """
     return (
         f"{name} is a function of time that is not among the declared coordinates, {listing(coordinates)}. Is {name} a "
         f"coordinate or a given motion? Add lg.coordinate({name!r}) to coordinates if its motion is to be found. Write "
@@ -78,9 +84,10 @@ def coordinate_or_given(name: str, coordinates: Sequence[str]) -> str:
 
 
 def check_given(survey: Survey, coordinates: Mapping[str, Any]) -> None:
-    """Raise StatementError for a function of time that is neither one of the `coordinates`, by name, nor a given one.
+    """Raise StatementError for a function of time that is neither one of the `coordinates` nor a given function.
 
-    It is also raised for given functions whose name is taken, or whose tables have no time in common.
+    It is also raised for given functions whose name is taken, or whose tables have no time in common. `coordinates` are
+    by name, and `survey` has the functions of the statement.
     """
     if undeclared := [q for q in survey.coordinates if coordinates.get(name_of(q)) != q]:
         raise StatementError(coordinate_or_given(name_of(undeclared[0]), [*coordinates]))
@@ -100,8 +107,8 @@ def check_given(survey: Survey, coordinates: Mapping[str, Any]) -> None:
 def with_values(statement: Statement) -> Statement:
     """Return the statement with its given functions replaced by their expressions in t.
 
-    Given functions without values, and undefined functions of coordinates such as U(r), become polynomials with
-    symbols as coefficients. So the equations can be analysed, but not run: `require_values` refuses to run them.
+    Given functions without values, and undefined functions of coordinates such as U(r), become polynomials with symbols
+    as coefficients. So the equations can be analysed, but not run: `require_values` refuses to run them.
     """
     coefficients: dict[Any, None] = {}
 
@@ -112,7 +119,7 @@ def with_values(statement: Statement) -> Statement:
 
 
 def with_inputs(statement: Statement) -> Statement:
-    """Return the statement with given functions replaced: by their values, or without values by inputs X, X_dot, ...
+    """Return the statement with given functions replaced by their values, or without values by inputs X, X_dot, ...
 
     An input is a parameter whose value changes along a motion. The time derivative of each input is the next one.
     """
@@ -133,9 +140,9 @@ def _put_in(
 ) -> Statement:
     """Return the statement with given functions replaced by their values, and undefined functions by polynomials.
 
-    For a given function without values, `open_values(function)` returns a callable: it maps an order to the
-    expression that replaces the derivative of this order. It adds the new symbols of these expressions to `symbols`.
-    They become the last parameters.
+    For a given function without values, `open_values(function)` returns a callable that maps an order to the expression
+    that replaces the derivative of this order. It adds the new symbols of these expressions to `symbols`. They become
+    the last parameters.
     """
     if statement.prescribed or not (statement.given or statement.unknown):
         return statement
@@ -163,7 +170,10 @@ def _put_in(
 
 
 def _polynomial(name: str, arguments: Sequence[Any], coefficients: dict[Any, None]) -> Any:
-    """Return a polynomial of degree `DEGREE` in the arguments; its coefficients are new symbols, added to the dict."""
+    """Return a polynomial of degree `DEGREE` in the arguments.
+
+    Its coefficients are new symbols, added to `coefficients`.
+    """
     monomials = [arguments[0] ** k for k in range(DEGREE + 1)]
     if len(arguments) > 1:
         monomials = sorted(sympy.itermonomials(arguments, DEGREE), key=str)
@@ -173,7 +183,7 @@ def _polynomial(name: str, arguments: Sequence[Any], coefficients: dict[Any, Non
 
 
 def _written_out(expression: Any, coefficients: dict[Any, None]) -> Any:
-    """Return the expression with polynomials in place of its undefined functions of coordinates.
+    """Return the expression with polynomials in place of its undefined functions of coordinates, such as U(r).
 
     The coefficients of the polynomials are new symbols, which are added to `coefficients`.
     """
@@ -186,7 +196,7 @@ def _written_out(expression: Any, coefficients: dict[Any, None]) -> Any:
 
 
 def _pending(node: Any) -> bool:
-    """Return True for a derivative or substitution that SymPy has not carried out, except derivatives in time."""
+    """Return True for a derivative or substitution that SymPy has not evaluated, except time derivatives."""
     return isinstance(node, sympy.Subs) or (
         isinstance(node, sympy.Derivative) and not (isinstance(node.expr, AppliedUndef) and node.expr.args == (t,))
     )
@@ -195,8 +205,8 @@ def _pending(node: Any) -> bool:
 def require_values(statement: Statement, remedy: str = "") -> None:
     """Raise StatementError if a given function has no values, or if a function of coordinates has no formula.
 
-    The message first offers the text `remedy`, such as "linearize(inputs=[{}])", in which {} becomes the name of the
-    function.
+    The message first offers the text `remedy`, such as "linearize(inputs=[{}])", in which the function's name replaces
+    {}.
     """
     names = [name_of(function) for function in open_functions(statement)]
     if names:
@@ -216,7 +226,7 @@ def open_functions(statement: Statement) -> list[Any]:
 
 
 def check_span(statement: Statement, t0: float, t1: float) -> None:
-    """Raise StatementError for a run from t0 to t1 that leaves the times of a table."""
+    """Raise StatementError for a run from t0 to t1 outside the times of a table."""
     for function in statement.given:
         motion = motion_of(function)
         first, last = motion.span if motion else (-np.inf, np.inf)

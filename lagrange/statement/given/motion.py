@@ -1,4 +1,4 @@
-"""Values of given functions: formulas, and tables of numbers over any argument."""
+"""Values of given functions: formulas in t, and tables of numbers over any argument, joined by cubic splines."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from lagrange.errors import StatementError, counted, formula, shown
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import expression, real_array
 
-FEWEST_TABLE_POINTS = 4  # Least number of points of a table: those of a cubic
+FEWEST_TABLE_POINTS = 4  # Least number of points of a table, which determine one cubic
 
 MOST_TABLE_POINTS = 200
-"""Largest number of points of a table. Each interval is a branch: a hundred compile in 2 s, and `taylor` ends a step
-at each."""
+"""Largest number of points of a table. Each interval is a branch of a Piecewise: a hundred compile in 2 s, and the
+method `taylor` ends a step at each of them."""
 
 OVERHANG = 1e-3
-"""Fraction of the outer intervals by which the outer cubics extend beyond the ends. Rounding and finite
-differences at an end lead to such arguments."""
+"""Extension of the outer cubics beyond the ends of a table, as a fraction of the outer intervals. Rounding and finite
+differences at an end lead to arguments there."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +71,13 @@ def table(argument: Any, points: Any, values: Any) -> Any:
 
 
 _LATEST: deque[TabulatedFunction] = deque(maxlen=256)
-"""Recently made tables. A spline does not show all of its table's numbers exactly, so they are looked up here."""
+"""Tables that were created last. A spline does not show all numbers of its table exactly, so tables are found here."""
 
 
 def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:
     """Return (argument, table) if a node of an expression is the spline of a table, else None.
 
-    Only the tables that were made most recently are recognised.
+    Only the 256 tables that were created last are recognised.
     """
     bounds = table_range(node)
     same = [table for table in tuple(_LATEST) if bounds and _ends(table) == bounds[1:]]
@@ -85,15 +85,16 @@ def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:
 
 
 def _ends(table: TabulatedFunction) -> tuple[float, float]:
-    """Return the range of arguments in which a spline has values, a little beyond its first and last point."""
+    """Return the range (lower end, upper end) of a spline's argument, a little larger than the range of its points."""
     first, last = (OVERHANG * (table.points[i + 1] - table.points[i]) for i in (0, -2))
     return table.points[0] - first, table.points[-1] + last
 
 
 def checked_table(title: str, columns: Sequence[Any] | Any, points: str) -> TabulatedFunction:
-    """Return a table from `columns`, the points and the values: two lists of finite numbers of one length.
+    """Return a table from `columns`, which are the points and the values: two lists of finite numbers of one length.
 
-    `title` names the table in messages, and `points` its points. Raises StatementError for other lists.
+    In messages `title` is the name of the table, and `points` the word for its points. Raises StatementError for other
+    lists.
     """
     both = f"({points}, values), two lists of one length"
     if isinstance(columns, np.ndarray) and columns.ndim == 0:
@@ -125,8 +126,8 @@ def checked_table(title: str, columns: Sequence[Any] | Any, points: str) -> Tabu
 def spline(table: TabulatedFunction, order: int, variable: Any) -> Any:
     """Return the derivative of order `order` of a table's cubic spline, as a Piecewise in `variable`.
 
-    It is undefined outside the points. The spline is "not a knot": the first two intervals have the same cubic, and
-    so have the last two.
+    It has no value outside the points. The spline is "not a knot": the first two intervals have the same cubic, and so
+    have the last two.
     """
     from scipy.interpolate import CubicSpline  # takes 0.1 s to import
 
@@ -162,31 +163,31 @@ def ranges(expression: Any) -> Iterator[tuple[Any, float, float]]:
     yield from (bounds for node in expression.atoms(sympy.Piecewise) if (bounds := table_range(node)) is not None)
 
 
-MARK = "motion"  # Attribute of the functions of time that are given; SymPy distinguishes functions by it
+MARK = "motion"  # Attribute of given functions that holds their `Motion`; SymPy distinguishes functions by it
 
 
 @dataclass(frozen=True)
 class Motion:
-    """The `values` of a given function: an expression in t and parameters, a TabulatedFunction, or None."""
+    """Values of a given function: an expression in t and parameters, a TabulatedFunction, or None."""
 
     values: Any = None
 
     @property
     def expression(self) -> Any:
-        """The given function as an expression in t and parameters; None for a table or a function without values."""
+        """The given function as an expression in t and parameters. None for a table or a function without values."""
         return self.values if isinstance(self.values, sympy.Expr) else None
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time at which the given function has a value; -inf and inf unless it is a table."""
+        """First and last time at which the given function has a value. They are -inf and inf unless it is a table."""
         table = self.values
         return (table.points[0], table.points[-1]) if isinstance(table, TabulatedFunction) else (-math.inf, math.inf)
 
     def derivative(self, order: int) -> Any:
-        """Return the derivative of order `order` of the given function in t, as an expression in t and parameters."""
+        """Return the time derivative of order `order` of the given function, as an expression in t and parameters."""
         if isinstance(self.values, TabulatedFunction):
             return spline(self.values, order, t)
-        time = sympy.Dummy(real=True)  # for real t the derivative at a corner is one-sided
+        time = sympy.Dummy(real=True)  # For real t SymPy's derivative at a corner is one-sided
         derivative = self.values.xreplace({t: time})
         for _ in range(order):
             derivative = derivative.diff(time).replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)
@@ -194,6 +195,6 @@ class Motion:
 
 
 def motion_of(function: Any) -> Motion | None:
-    """Return the `Motion` of a given function of time, None for any other function."""
+    """Return the `Motion` of a given function of time, or None for any other function."""
     motion = type(function).__dict__.get(MARK)
     return motion if isinstance(motion, Motion) else None

@@ -1,1 +1,1 @@
-"""Scenes: the text of a statement as a TOML file, its reader, its writer, and the library."""
+"""Scene files, which state a system in TOML: their reader, their writer, and the library of scenes."""

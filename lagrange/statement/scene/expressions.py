@@ -1,4 +1,7 @@
-"""Reader of expressions in texts. Their size and structure are limited before they reach SymPy."""
+"""Read an expression of a scene file, such as "m*g*l*cos(theta)", into SymPy. Texts may come from strangers.
+
+Size and structure of a text are limited before it reaches SymPy, and no code is run.
+"""
 
 from __future__ import annotations
 
@@ -32,12 +35,12 @@ from lagrange.statement.vocabulary.functions import ALIASES, ELEMENTARY, FUNCTIO
 DEEPEST_NESTING = 64  # Largest number of levels of nested parentheses, signs and powers
 
 MOST_CHAINED = 4
-"""Largest number of chained comparisons in a row that lead to the same value: SymPy makes 2**n clauses of n of them."""
+"""Largest number of chained comparisons in a row with the same value. SymPy makes 2**n clauses of n of them."""
 
 MULTIPLIER = "multiplier"
-"""Call for the multiplier of a constraint: multiplier(rod).
+"""Function that returns the multiplier of a constraint in texts: multiplier(rod).
 
-A name before a parenthesis is always a call, so this name stays free for parameters.
+A name before a parenthesis is always a call, so a parameter may have the same name.
 """
 
 NO_VALUE = "a comparison has no value of its own: write a condition as in a if x < 0 else b"
@@ -71,9 +74,9 @@ _DOUBLES: dict[str, Callable[..., float]] = {
 
 
 def read_expression(text: str, names: Mapping[str, Any]) -> Any:
-    """Return the SymPy expression that `text` states. Raises SceneError with the column.
+    """Return the SymPy expression of `text`. Raises SceneError with the column.
 
-    `names` maps identifiers to SymPy objects; `t` and `pi` are known as well. The text may hold numbers, + - * / **,
+    `names` maps identifiers to SymPy objects; `t` and `pi` are known as well. The text may have numbers, + - * / **,
     the functions of `WORDS`, and conditions such as `a if x < 0 else b`.
     """
     return Expressions(names).read(text)
@@ -86,7 +89,7 @@ def read_number(text: str) -> float:
 
 
 def number_from_text(text: str) -> Any:
-    """Return the SymPy number of a decimal text: a fraction if the decimal equals a short one, else the nearest double.
+    """Return a decimal text as a SymPy number: a fraction if the decimal equals a short one, else the nearest double.
 
     0.5 becomes 1/2, so x**0.5 is a square root. 9.81 remains a decimal. Raises RefusalError for a number beyond the
     range of doubles.
@@ -99,7 +102,7 @@ def number_from_text(text: str) -> Any:
     if value == 0.0 and text.lower().partition("e")[0].strip("0."):
         raise RefusalError(f"{text[:40]} is too small for a floating-point number")
     exact = Fraction(value)
-    # Cheap tests first: Fraction(text) writes out as many digits as the exponent of the text says
+    # Cheap tests come first, since Fraction(text) can have as many digits as the exponent in the text
     if exact.denominator <= 16 and exact.numerator < 10**6 and (value == 0.0 or exact == Fraction(text)):
         return sympy.Rational(exact.numerator, exact.denominator)
     return sympy.Float(value)
@@ -107,9 +110,9 @@ def number_from_text(text: str) -> Any:
 
 @dataclass(frozen=True)
 class ParsedValue:
-    """Result of reading a part of the text: an expression, and its value as a double if it is constant, else None.
+    """Part of a text after parsing: its expression, and its value `double` if it is constant, else None.
 
-    `literal` is true for a number without a sign, `chained` for a comparison of more than two values.
+    `literal` is true for a number without a sign, and `chained` for a comparison of more than two values.
     """
 
     expression: Any
@@ -118,15 +121,15 @@ class ParsedValue:
     chained: bool = False
 
 
-Branch = tuple[ParsedValue, ParsedValue]  # A value, and the condition under which it is taken
+Branch = tuple[ParsedValue, ParsedValue]  # A value, and the condition under which it is chosen
 
 
 class Reader:
-    """Recursive-descent parser of one text. Each part is built and checked as soon as its own parts are.
+    """Recursive-descent parser of one text. Each part is built and checked after the parts inside it.
 
     SymPy evaluates the parts. The value of a constant is computed as a double, too. `names` maps identifiers to SymPy
-    objects, and `constants` some of them to doubles. `calls` are names that may be called beside those of `WORDS`.
-    `constant` is true if the text must be a number, which changes the remedy for an unknown name.
+    objects, and `constants` some of them to doubles. `calls` are functions that texts may call besides those of
+    `WORDS`. `constant` is true if the text must be a number, which changes the remedy for an unknown name.
     """
 
     unevaluated: ClassVar[bool] = False
@@ -146,7 +149,7 @@ class Reader:
         self.place = self.depth = 0
 
     def read(self) -> ParsedValue:
-        """Return the parsed value of the whole text. Raises SceneError if it is not one expression."""
+        """Return the parsed value of the whole text. Raises SceneError unless the text is one expression."""
         try:
             value = self.expression()
         except RecursionError:
@@ -159,21 +162,21 @@ class Reader:
 
     @property
     def token(self) -> SceneToken:
-        """The token at the current position in the text."""
+        """Token at the current position in the text."""
         return self.tokens[self.place]
 
     def take(self) -> SceneToken:
-        """Return the token at the current position, and move to the next one."""
+        """Return the token at the current position, and move to the next token."""
         self.place += 1
         return self.tokens[self.place - 1]
 
     def at(self, *texts: str, kind: str = "operator") -> bool:
-        """Return True if the token at the current position has the kind `kind` and one of the `texts`."""
+        """Return True if the current token has the kind `kind` and one of the `texts`."""
         return self.token.kind == kind and self.token.text in texts
 
     @contextmanager
     def deeper(self) -> Iterator[None]:
-        """Context of one more level of nesting. Raises SceneError at the current token beyond `DEEPEST_NESTING`."""
+        """Context manager of one more level of nesting. Raises SceneError beyond `DEEPEST_NESTING` levels."""
         self.depth += 1
         if self.depth > DEEPEST_NESTING:
             refuse(f"the expression is nested more than {DEEPEST_NESTING} deep: state it in parts.", self.token.offset)
@@ -183,7 +186,7 @@ class Reader:
     def built(self, start: int, build: Callable[..., ParsedValue], *parts: Any) -> ParsedValue:
         """Return `build(*parts)`, a parsed part of the text, after the check of its size and value.
 
-        A RefusalError is raised as a SceneError at the offset `start` in the text.
+        A RefusalError becomes a SceneError at the offset `start` in the text.
         """
         try:
             return self._checked(build(*parts))
@@ -214,7 +217,7 @@ class Reader:
         return value
 
     def logic(self) -> ParsedValue:
-        """Read the condition or the value at the current position of the text."""
+        """Read a condition or a value. A subclass reads the words and, or, not here."""
         return self.comparison()
 
     def comparison(self) -> ParsedValue:
@@ -226,7 +229,7 @@ class Reader:
         return self.built(start, self._compared, signs, parts) if signs else parts[0]
 
     def sum(self) -> ParsedValue:
-        """Read a chain of terms such as a - b + c. It is built as one sum, since term by term takes quadratic time."""
+        """Read a chain of terms such as a - b + c, and build one sum. Adding term by term would take quadratic time."""
         start, parts, straight = self.token.offset, [self.product()], [True]
         while self.at("+", "-"):
             straight.append(self.take().text == "+")
@@ -234,7 +237,7 @@ class Reader:
         return self.built(start, self._summed, straight, parts) if len(parts) > 1 else parts[0]
 
     def product(self) -> ParsedValue:
-        """Read a chain of factors such as -a*b/c. The sign before the chain belongs to its first factor."""
+        """Read a chain of factors such as -a*b/c. A sign before the chain belongs to its first factor."""
         start, negative = self.token.offset, self.at("-")
         if self.at("+", "-"):
             with self.deeper():
@@ -286,7 +289,10 @@ class Reader:
         raise SceneError(f"a value is missing before {token.text!r}.", column=token.offset + 1)
 
     def in_parentheses(self, *, several: bool = False) -> list[ParsedValue]:
-        """Read values in parentheses, of which the current token opens the first: one, or `several` between commas."""
+        """Read the values in parentheses, which begin at the current token.
+
+        There is one value, or if `several` is true, a list of values with commas.
+        """
         with self.deeper():
             opened = self.take()
             values = [self.expression()]
@@ -301,7 +307,7 @@ class Reader:
         return values
 
     def named(self, token: SceneToken) -> ParsedValue:
-        """Return the value of a name: of the symbol or definition that the text of `token` names."""
+        """Return the value of the symbol or definition whose name is the text of `token`."""
         name = token.text
         if name in self.names:
             return self.built(token.offset, ParsedValue, self.names[name], self.constants.get(name))
@@ -313,7 +319,10 @@ class Reader:
         raise SceneError(reason, column=token.offset + 1)
 
     def call(self, token: SceneToken) -> ParsedValue:
-        """Read the arguments of the call whose name `token` was read, and return its value."""
+        """Read the arguments of a function call, and return its value.
+
+        `token` is the name of the function, read before.
+        """
         name = token.text
         if name == MULTIPLIER and name in self.calls:
             return self.multiplier(token)
@@ -356,8 +365,8 @@ class Reader:
     def _checked(self, value: ParsedValue) -> ParsedValue:
         """Return a parsed part of the text after the check of its size.
 
-        A part without symbols must have a finite value. If SymPy evaluated the part to an exact number, its value as
-        a double is computed from this number.
+        A part without symbols must have a finite value. If SymPy evaluated the part to an exact number, its value as a
+        double is computed from this number.
         """
         varies = self.guard.check(value.expression)
         if isinstance(value.expression, sympy.Number):
@@ -410,12 +419,12 @@ class Reader:
         double = _double(word, parts)
         check_arguments(word.build, arguments)
         if word.build is sympy.Abs and not arguments[0].is_extended_real:
-            # SymPy would make the real part of the root out of abs(exp(sqrt(x)))
+            # SymPy would rewrite abs(exp(sqrt(x))) with the real part of the root
             return ParsedValue(sympy.Abs(*arguments, evaluate=False), double)
         return ParsedValue(word.build(*arguments), double)
 
     def _other_call(self, name: str, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return the call of an undefined function of coordinates, such as U(r), with the arguments `parts`."""
+        """Return the call of a function of coordinates without a formula, such as U(r), with the arguments `parts`."""
         return ParsedValue(sympy.Function(name)(*map(term_of, parts)))
 
     def _compared(self, signs: Sequence[str], parts: Sequence[ParsedValue]) -> ParsedValue:
@@ -457,7 +466,7 @@ def _doubles(parts: Sequence[ParsedValue]) -> list[float] | None:
 
 
 def check_arity(word: FunctionWord, count: int) -> None:
-    """Raise RefusalError if a function does not take `count` arguments."""
+    """Raise RefusalError if the function `word` does not take `count` arguments."""
     if word.fewest <= count <= (MOST_ARGUMENTS if word.most is None else word.most):
         return
     if word.most is None:
@@ -466,10 +475,10 @@ def check_arity(word: FunctionWord, count: int) -> None:
 
 
 def _double(word: FunctionWord, parts: Sequence[ParsedValue]) -> float | None:
-    """Return the value of a function of constant arguments as a double, or None if one is not constant.
+    """Return the value of a function of constant arguments as a double. None if an argument is not constant.
 
-    `word` is the function, and `parts` are its parsed arguments. Raises RefusalError for a value that is not finite
-    and real.
+    `word` is the function, and `parts` are its parsed arguments. Raises RefusalError for a value that is not finite and
+    real.
     """
     doubles = _doubles(parts)
     if doubles is None:
@@ -487,12 +496,12 @@ def _double(word: FunctionWord, parts: Sequence[ParsedValue]) -> float | None:
 class Expressions:
     """Reader of the expressions of one file, which share names, definitions and limits.
 
-    `names` maps identifiers to SymPy objects. `calls` has the names of functions of coordinates that have no formula.
+    `names` maps identifiers to SymPy objects. `calls` has the names of functions of coordinates without a formula.
     """
 
     def __init__(self, names: Mapping[str, Any], calls: Collection[str] = ()) -> None:
         known = {**names, **PREDEFINED_VALUES}
-        # In real symbols SymPy tests signs quickly; q(t) may be complex, and its tests take long.
+        # SymPy tests signs quickly for real symbols, and slowly for q(t), which may be complex.
         self.names = {name: value if value.is_real else sympy.Dummy(name, real=True) for name, value in known.items()}
         self.calls = calls
         self.guard = Guard()
@@ -500,21 +509,21 @@ class Expressions:
         self._done = {self.names[name]: value for name, value in known.items()}
 
     def define(self, name: str, text: str) -> None:
-        """Define a name for the expression that a text states; later texts may use it."""
+        """Define a name for the expression in a text. Later texts may use the name."""
         value = self.built(text)
         self.names[name] = value.expression
         if value.double is not None:
             self.constants[name] = value.double
 
     def enter(self, name: str, expression: Any) -> None:
-        """Define a name for an expression that is not stated as text, such as a table; later texts may use it."""
+        """Define a name for an expression that is not given as text, such as a table. Later texts may use the name."""
         self.names[name] = sympy.Dummy(name, real=True)
         self._done[self.names[name]] = expression
 
     def read(self, text: str) -> Any:
-        """Return the expression that a text states. Raises SceneError with the column."""
+        """Return the expression in a text. Raises SceneError with the column."""
         return replaced(self.built(text).expression, self._done)
 
     def built(self, text: str) -> ParsedValue:
-        """Return the parsed value of a text, in which real symbols stand for the functions of time."""
+        """Return the parsed value of a text, in which real symbols replace the functions of time."""
         return Reader(text, self.names, self.guard, self.constants, self.calls).read()

@@ -1,4 +1,7 @@
-"""Tokens of an expression, and limits on it before SymPy evaluates it: length, numbers, powers, comparisons, parts."""
+"""Limits that protect SymPy from expressions of untrusted files: length, numbers, powers, comparisons, number of parts.
+
+It also divides the text of an expression into tokens, and refuses characters and words that are not allowed.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ LONGEST_EVALUATED = 10_000  # Largest number of characters of an expression
 LONGEST_UNEVALUATED = 1_000_000
 """Largest number of characters of an unevaluated expression, on which SymPy does no work."""
 LONGEST_NUMBER, LONGEST_UNEVALUATED_NUMBER = 100, 400
-"""Largest number of characters of a number; in unevaluated expressions those of 1,000 bits, and a few more."""
+"""Largest number of characters of a number, and of a number in an unevaluated expression, which may have 1,000 bits."""
 
 _TOKEN = re.compile(
     r"(?P<blank>[ \t\r\n]+)"
@@ -64,7 +67,7 @@ _RESERVED = {
 
 
 class SceneToken(NamedTuple):
-    """A number, name, word or operator at an offset of a text. Words have a meaning in the grammar, such as `if`."""
+    """Number, name, word or operator at an offset of a text. Words have a meaning in the grammar, such as `if`."""
 
     kind: str
     text: str
@@ -72,14 +75,14 @@ class SceneToken(NamedTuple):
 
 
 def refuse(reason: str, offset: int) -> NoReturn:
-    """Raise a SceneError that points at this offset (from 0) of the text."""
+    """Raise a SceneError with a message `reason`, located at an offset (from 0) of the text."""
     raise SceneError(reason, column=offset + 1)
 
 
 def tokens(text: str, *, unevaluated: bool = False) -> list[SceneToken]:
     """Return the tokens of a text, and a last one of kind "end". Raises SceneError if the text is not allowed.
 
-    If `unevaluated` is true, and, or, not, True, False and None are allowed as well.
+    If `unevaluated` is true, the words and, or, not, True, False and None are allowed as well.
     """
     if not isinstance(text, str):
         raise SceneError(f"an expression must be a text such as '2*x', not {type(text).__name__}.")
@@ -119,7 +122,7 @@ def tokens(text: str, *, unevaluated: bool = False) -> list[SceneToken]:
 def _check_number(token: SceneToken, following: str, most: int) -> None:
     """Raise SceneError for a number token that is complex, has more than `most` characters, or starts with a zero.
 
-    `following` is the character after it; a letter there is refused.
+    `following` is the character after the number, which must not be a letter.
     """
     number, offset = token.text, token.offset
     if following in ("j", "J"):
@@ -162,21 +165,22 @@ def _unknown_letter(character: str) -> str:
 
 
 LARGEST_EXPONENT = 1000
-MOST_BITS = 256  # Largest number of bits of an exact numerator or denominator: 77 digits
+MOST_BITS = 256  # Largest number of bits of an exact numerator or denominator, which are 77 digits
 MOST_BRANCHES = 32  # Largest number of branches of a condition
-MOST_ARGUMENTS = 16  # Largest number of arguments of min and max: SymPy compares them pair by pair
+MOST_ARGUMENTS = 16  # Largest number of arguments of min and max, which SymPy compares pair by pair
 MOST_DOUBTFUL = 5
-"""Largest number of parts that may be complex in an expression that SymPy splits into real and imaginary part. Each can
-double the work."""
+"""Largest number of parts that may be complex in an expression that SymPy splits into real and imaginary part. Each of
+these parts can double the work."""
 MOST_COMPARED = 200
 """Largest number of parts of the expressions in a comparison, an absolute value, a minimum or a maximum."""
-CHUNK = 50  # Number of terms that SymPy adds at once. The exact coefficients are checked after each chunk.
+CHUNK = 50  # Number of terms that SymPy adds at once. Exact coefficients are checked after each addition.
 
 FEW_PARTS, MANY_SHARED, MOST_PARTS = 100_000, 1_000, 5_000_000
-"""Limits on the parts of an expression: always allowed, allowed per distinct part, and the largest number.
+"""Limits on the number of parts of an expression: a number that is always allowed, the number per distinct part, and
+the largest number.
 
-A shared part counts each time it occurs, for SymPy walks it each time, in 2 us. A file of 12 KB could otherwise make it
-walk for ever. 500 links in Cartesian coordinates share 800 times.
+A shared part counts each time it occurs, since SymPy visits it each time, in 2 us. A file of 12 KB could otherwise keep
+SymPy busy for ever. 500 links in Cartesian coordinates share 800 times.
 """
 
 _COMPARING = (sympy.Abs, sympy.sign, sympy.Min, sympy.Max, sympy.Heaviside, sympy.sinc, sympy.erf)
@@ -185,13 +189,14 @@ _NUMBER_FIRST = (sympy.Add, sympy.Mul)
 
 
 class RefusalError(Exception):
-    """Error: an expression is refused. Its message is the reason, to which the reader of the text adds the column."""
+    """Error: an expression is refused. Its message is the reason. The reader of the text adds the column."""
 
 
 class Guard:
-    """Checks the size and powers of every expression that is built while texts are read. Raises RefusalError.
+    """Check of the size and powers of every expression that is built while texts are read. Raises RefusalError.
 
-    Each distinct subexpression is checked once. `varies` maps each of them to True if it contains a symbol.
+    Each distinct subexpression is checked once. `varies` maps it to True if it contains a symbol, and `sizes` to its
+    number of parts.
     """
 
     def __init__(self) -> None:
@@ -217,9 +222,9 @@ class Guard:
         """Do nothing. A subclass examines here each subexpression that passed the check."""
 
     def join(self, build: Callable[..., Any], parts: list[Any]) -> Any:
-        """Return the sum or product of `parts`, made by `build`: sympy.Add or sympy.Mul.
+        """Return the sum or product of `parts`. `build` is sympy.Add or sympy.Mul.
 
-        Many parts are built and checked in chunks.
+        If there are more than `CHUNK` parts, groups of `CHUNK` parts are built and checked first.
         """
         while len(parts) > CHUNK:
             parts = [build(*parts[i : i + CHUNK]) for i in range(0, len(parts), CHUNK)]
@@ -229,10 +234,10 @@ class Guard:
 
 
 def replaced(expression: Any, done: dict[Any, Any]) -> Any:
-    """Return the expression with its parts replaced; `done` maps parts to their replacements, and is extended.
+    """Return the expression with its parts replaced. `done` maps parts to their replacements, and is extended.
 
-    Terms are sorted as SymPy does, but nothing is evaluated: with x(t), which SymPy assumes to be complex, evaluation
-    would rewrite roots and absolute values.
+    Terms are sorted as SymPy does, but not evaluated. With x(t), which SymPy assumes to be complex, evaluation would
+    rewrite roots and absolute values.
     """
     for node in parts_first(expression, done):
         args = [done[part] for part in node.args]
@@ -271,7 +276,7 @@ def check_arguments(build: Any, arguments: list[Any]) -> None:
             arguments, f"the {'argument' if len(arguments) == 1 else 'arguments'} of {build.__name__.lower()}"
         )
     if build in _SPLITTING:
-        doubtful: dict[Any, bool] = {}  # distinct subexpressions, and true for those that SymPy cannot prove to be real
+        doubtful: dict[Any, bool] = {}  # Distinct subexpressions, and true for those that SymPy cannot prove to be real
         for node in parts_first(arguments[0], doubtful):
             doubtful[node] = isinstance(node, sympy.Expr) and not node.is_extended_real
         if sum(doubtful.values()) > MOST_DOUBTFUL:
@@ -282,7 +287,10 @@ def check_arguments(build: Any, arguments: list[Any]) -> None:
 
 
 def check_compared(expressions: list[Any], what: str) -> None:
-    """Raise RefusalError if expressions are too long for SymPy to determine the sign of their difference."""
+    """Raise RefusalError if expressions are too long for SymPy to determine the sign of their difference.
+
+    `what` names the expressions in the message.
+    """
     size: dict[Any, int] = {}
     for expression in expressions:
         for node in parts_first(expression, size):
@@ -304,7 +312,7 @@ def _check_node(node: Any) -> None:
     elif isinstance(node, sympy.Float):
         if abs(node) > sys.float_info.max:
             raise RefusalError("a number here is too large for a floating-point number")
-        if not node.is_zero and float(node) == 0.0:  # SymPy says that 0.0 != 0
+        if not node.is_zero and float(node) == 0.0:  # For SymPy 0.0 is not equal to 0
             raise RefusalError("a number here is too small for a floating-point number")
     elif node in (sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
         raise RefusalError("this has no finite value: check for a division by zero")

@@ -1,4 +1,4 @@
-"""The library of scenes: their files, with names, descriptions and sources."""
+"""Scenes of the library that comes with the package: find them by name, list them, and load one as a Statement."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from lagrange.statement.scene.toml_document import Document
 from lagrange.statement.statement import Statement
 
 LIBRARY = Path(__file__).resolve().parents[2] / "scenes"
-LONGEST_FILE_NAME = 255  # Length in bytes from which an operating system refuses to look for a file
+LONGEST_FILE_NAME = 255  # Length in bytes from which an operating system does not search for a file
 
 
 @dataclass(frozen=True)
 class LibraryScene:
-    """A scene of the library: its name, a description, its published source, and its file."""
+    """Scene of the library: its name, description `about`, published `source`, and the path of its file."""
 
     name: str
     about: str
@@ -27,12 +27,15 @@ class LibraryScene:
 
 
 def load(name: str) -> Statement:
-    """Return a scene of the library by its name, such as "double-pendulum"."""
+    """Return the statement of a scene of the library, by its name, such as "double-pendulum"."""
     return read_scene(library_path(name))
 
 
 def library_path(name: str) -> Path:
-    """Return the file of a scene of the library. Raises StatementError for another name, and for the path of a file."""
+    """Return the file of a scene of the library.
+
+    Raises StatementError for an unknown name and for the path of a file.
+    """
     files = {path.stem: path for path in LIBRARY.glob("*.toml")}
     text = os.fspath(name) if isinstance(name, (str, Path)) else ""
     is_short = len(text.encode(errors="replace")) < LONGEST_FILE_NAME

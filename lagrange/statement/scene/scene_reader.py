@@ -1,4 +1,4 @@
-"""Scene files: a TOML text becomes a Statement, and every refusal names file, line and column."""
+"""Read a scene file: its TOML text becomes a Statement. Every refusal names file, line and column."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ KEYS = (
     *("signs", "tables", "definitions", "functions", "evaluate", "events", "contacts", "simultaneous", "rotations"),
     "surfaces",
 )
-OPEN = "open"  # Text in a scene for a parameter or a given function that has no value
+OPEN = "open"  # Text in a scene for a parameter or a given function without a value
 NO_SIGN = "none"
-"""Sign of a parameter about which SymPy assumes nothing; without an entry in [signs] a parameter is real."""
+"""Sign of a parameter without any assumption for SymPy. A parameter without an entry in [signs] is real."""
 TABLE_KEYS = ("argument", "points", "values")
-MOST_RATES = 6  # Highest order of derivatives of a given function that a scene can state
+MOST_RATES = 6  # Highest order of derivatives of a given function that a scene can contain
 CONTACT_KEYS = ("gap", "slip", "restitution", "friction")
 SHAPE_KEYS = ("shape", "size", "rotation", "at")
 RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")
@@ -63,10 +63,9 @@ _INEQUALITY = re.compile(r"[<>]|!=")
 
 
 def read_scene(path: str | os.PathLike[str]) -> Statement:
-    """Return the statement in a scene file.
+    """Return the statement in a scene file. Raises SceneError with file, line and column.
 
     A scene is data: reading it runs no code, imports nothing, and opens no other file.
-    Raises SceneError with file, line and column.
     """
     return SceneReader(path).statement()
 
@@ -94,14 +93,17 @@ def stored_statement(text: Any) -> Statement:
 
 
 class SceneDocument(Document):
-    """A TOML file whose values are read as numbers and expressions.
+    """TOML file whose values are read as numbers and expressions.
 
     A path to a value consists of keys and indices, such as ("positions", "bob", 0).
     """
 
     @contextmanager
     def located(self, *path: str | int, key: bool = False) -> Iterator[None]:
-        """Context in which a StatementError becomes a SceneError, located at the value at a path, or at its `key`."""
+        """Context manager in which a StatementError becomes a SceneError, located at the value at `path`.
+
+        If `key` is true, the error is located at the key of the value.
+        """
         try:
             yield
         except SceneError:
@@ -110,7 +112,7 @@ class SceneDocument(Document):
             self.refuse(str(error), *path, *error.place, key=key)
 
     def number(self, *path: str | int) -> float:
-        """Return the number at a path, or the value of a constant expression such as "pi/6"."""
+        """Return the number at a path, or the value of a constant expression there, such as "pi/6"."""
         value, what = self.value(*path), dotted(path)
         if not isinstance(value, (int, float, str)) or isinstance(value, bool):
             self.refuse(f'{what} is {kind_of(value)}: give a number, or a constant expression such as "pi/6".', *path)
@@ -124,7 +126,7 @@ class SceneDocument(Document):
         return self._of_text(reader.read, *path)
 
     def one_or_more(self, reader: Expressions, *path: str | int) -> Any:
-        """Return the expression at a path, or the tuple of expressions if a list is there."""
+        """Return the expression at a path, or a tuple of expressions if there is a list."""
         is_list = isinstance(self.value(*path), list)
         return self.expressions(reader, *path) if is_list else self.expression(reader, *path)
 
@@ -140,7 +142,7 @@ class SceneDocument(Document):
         self._of_text(partial(reader.define, str(path[-1])), *path)
 
     def _of_text(self, read: Callable[[str], Any], *path: str | int, text: str | None = None) -> Any:
-        """Return `read` of the text at a path, or of `text`, a part of it in the same columns."""
+        """Return the result of `read` for the text at a path, or for `text`, a part of it in the same columns."""
         value, what = self.value(*path) if text is None else text, dotted(path)
         if not isinstance(value, (int, float, str)) or isinstance(value, bool):
             self.refuse(f'{what} is {kind_of(value)}: give an expression as a text, such as "2*x".', *path)
@@ -152,7 +154,7 @@ class SceneDocument(Document):
             self.refuse(f"{what}: {error.reason}", *path, column=error.column)
 
     def equation(self, reader: Expressions, *path: str | int) -> Any:
-        """Return the expression at a path that is zero; for a text "left == right" it is left minus right side."""
+        """Return the expression at a path, which is zero. For a text "left == right" it is left minus right side."""
         value = self.value(*path)
         if not isinstance(value, str) or value.count("==") != 1 or _CONDITION.search(value):
             if isinstance(value, str) and _INEQUALITY.search(value) and not _CONDITION.search(value):
@@ -163,16 +165,16 @@ class SceneDocument(Document):
                 )
             return self.expression(reader, *path)
         end = value.index("==")
-        sides = value[:end], " " * (end + 2) + value[end + 2 :]  # blanks keep the columns of the right side
+        sides = value[:end], " " * (end + 2) + value[end + 2 :]  # Blanks keep the columns of the right side
         left, right = (self._of_text(reader.read, *path, text=side) for side in sides)
         return left - right
 
 
 class SceneReader:
-    """Reads one scene file as a Statement, field by field. SceneErrors have line and column of the field.
+    """Reader of one scene file as a Statement, field by field. SceneErrors have line and column of the field.
 
-    `path` is that of the file, and `text` its content; without it the file is read. `most` is its largest size in
-    bytes.
+    `path` is the path of the file, and `text` its content. Without `text` the file is read. `most` is its largest size
+    in bytes.
     """
 
     def __init__(self, path: str | os.PathLike[str], text: str | None = None, most: int = LARGEST_FILE) -> None:
@@ -184,7 +186,7 @@ class SceneReader:
             document.refuse(f"evaluate is {kind_of(self.evaluated)}: write true or false.", "evaluate")
 
     def statement(self) -> Statement:
-        """Return the statement that the scene file states, checked."""
+        """Return the checked statement of the scene file."""
         document = self.document
         rotations = self.rotations()
         turning = {name_of(q): q for each in rotations for q in each.quaternion}
@@ -234,7 +236,7 @@ class SceneReader:
     def forces(
         self, reader: Expressions, coordinates: Mapping[str, Any], rotations: Sequence[Rotation]
     ) -> dict[Any, Any]:
-        """Return the forces on coordinates, and the torques about the axes of bodies, R_body_x to R_body_z."""
+        """Return {coordinate: force}, and torques about the axes of bodies by their names, such as R_body_x."""
         known = [*coordinates, *(name_of(rate) for each in rotations for rate in each.body)]
         stated = self.document.table("forces", known, "coordinate of this scene")
         return {coordinates.get(name, name): self.document.expression(reader, "forces", name) for name in stated}
@@ -242,7 +244,7 @@ class SceneReader:
     def events(self, reader: Expressions, declared: Statement) -> tuple[Event, ...]:
         """Return the events of the scene, from the list of tables [[events]].
 
-        They are checked against the statement `declared`. An event is a zero of `when`; other keys are optional.
+        An event is a zero of `when`; other keys are optional. The events are checked against the statement `declared`.
         """
         tables = self.data["events"]
         if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
@@ -268,10 +270,10 @@ class SceneReader:
             return event(when, direction=direction, terminal=table.get("terminal", False), reset=values)
 
     def title(self) -> str:
-        """Return the name of the scene; the default is the name of its file."""
+        """Return the name of the scene. The default is the name of its file."""
         name = self.document.text("name") if "name" in self.data else Path(self.document.file).stem
         if "name" in self.data and not self.evaluated:
-            return printable(name, "name")  # a system of Python may have any name
+            return printable(name, "name")  # A system of Python may have any name
         if not (_TITLE.fullmatch(name) and name.isprintable()):
             if "name" not in self.data:
                 return "scene"
@@ -297,14 +299,17 @@ class SceneReader:
         return known
 
     def names(self, key: str, example: str) -> list[str]:
-        """Return the list of names at a key of the scene, empty if the key is missing. `example` is one name."""
+        """Return the list of names at a key of the scene, which is empty without the key.
+
+        `example` is a name for messages.
+        """
         names = self.data.get(key, [])
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             self.document.refuse(f'{key} must be a list of names: write {key} = ["{example}"].', key)
         return names
 
     def rotations(self) -> list[Rotation]:
-        """Return the rotations that the scene names; the entries of their quaternions are coordinates."""
+        """Return the rotations that the scene names. The entries of their quaternions are coordinates."""
         names = self.names("rotations", "R")
         if repeated := [name for name in names if names.count(name) > 1]:
             self.document.refuse(f"rotations names {repeated[0]!r} twice: name each rotation once.", "rotations")
@@ -312,7 +317,7 @@ class SceneReader:
             return [rotation_of(check_name(name, "rotation")) for name in names]
 
     def parameters(self, coordinates: Mapping[str, Any]) -> dict[str, float | None]:
-        """Return {name: value} of the parameters; the value is None if the scene leaves it open."""
+        """Return {name: value} of the parameters. The value is None for the text "open"."""
         values: dict[str, float | None] = {}
         for name in self.document.table("parameters"):
             self.check_free(name, "parameter", coordinates, "parameters", name)
@@ -363,7 +368,7 @@ class SceneReader:
         return reader
 
     def measured(self, reader: Expressions, name: str) -> Any:
-        """Return the table `name` of measured values as a SymPy expression: a cubic spline in its argument."""
+        """Return the table `name` of measured values as a SymPy expression, a cubic spline in its argument."""
         entry = self.document.value("tables", name)
         if not isinstance(entry, Mapping) or set(entry) != set(TABLE_KEYS):
             self.document.refuse(
@@ -393,10 +398,10 @@ class SceneReader:
         return names
 
     def check_free(self, name: str, what: str, coordinates: Any, *path: str | int) -> None:
-        """Raise SceneError, at a path, for a name that is malformed or taken.
+        """Raise SceneError, located at a path, for a name that is malformed or taken.
 
-        `coordinates` are the names that are taken, besides x_dot and x_ddot of each name x. `what` is the kind of the
-        named object in the message.
+        `coordinates` are the names that are taken. For each name x, x_dot and x_ddot are taken too. `what` is the kind
+        of the named object in the message.
         """
         key = path[0] not in ("coordinates", "functions")
         with self.document.located(*path, key=key):
@@ -418,7 +423,7 @@ class SceneReader:
         return {key: self.document.expression(reader, key) for key in ENERGIES if key in self.data}
 
     def check_velocities(self, statement: Statement) -> None:
-        """Raise SceneError, at L or T, for a coordinate whose acceleration no equation determines."""
+        """Raise SceneError, located at L or T, for a coordinate whose acceleration no equation determines."""
         alone = "lagrangian" in self.data
         still = without_velocity(statement, alone=alone) if self.evaluated else None
         if still is not None:
@@ -430,7 +435,7 @@ class SceneReader:
             )
 
     def constraints(self, reader: Expressions) -> dict[str, Any] | list[Any]:
-        """Return the constraints, a list or a table by name: expressions that are zero, or equations with ==."""
+        """Return the constraints, a list or a dict by name. An expression is zero; an equation has the sign ==."""
         stated = self.data.get("constraints", [])
         if isinstance(stated, list):
             return [self.document.equation(reader, "constraints", i) for i in range(len(stated))]
@@ -438,7 +443,7 @@ class SceneReader:
         return {name: self.document.equation(reader, "constraints", name) for name in names}
 
     def contacts(self, reader: Expressions) -> dict[str, Contact]:
-        """Return the contacts, each from a table [contacts.name]."""
+        """Return the contacts by name, each from a table [contacts.name]."""
         contacts: dict[str, Contact] = {}
         for name, entries in self.document.table("contacts").items():
             path = "contacts", name
@@ -456,11 +461,14 @@ class SceneReader:
         return contacts
 
     def surfaces(self, reader: Expressions) -> dict[str, tuple[Any, ...]]:
-        """Return the surfaces by name. Each is a list of expressions in `along`, as many as a position has."""
+        """Return the surfaces by name. Each is a tuple of expressions in `along`, as many as a position has."""
         return {name: self.document.expressions(reader, "surfaces", name) for name in self.document.table("surfaces")}
 
     def dimensions(self, names: Mapping[str, Any]) -> dict[str, str] | None:
-        """Return {symbol's name: dimension or unit as text}, or None if the scene states none; `names` are known."""
+        """Return {symbol's name: dimension or unit as text}, or None if the scene states none.
+
+        `names` maps all known names to SymPy objects.
+        """
         if "dimensions" not in self.data:
             return None
         known = ["t", *(name for name in names if names[name].is_Symbol or names[name].is_Function)]
@@ -468,7 +476,7 @@ class SceneReader:
         return {name: self.document.text("dimensions", name) for name in table}
 
     def positions(self, reader: Expressions, rotations: Sequence[Rotation]) -> dict[str, tuple[Any, ...] | Shape]:
-        """Return the named points, two or three expressions each, and the shapes of bodies."""
+        """Return the named points, tuples of two or three expressions, and the shapes of bodies, by name."""
         return {
             name: self.shape(reader, entries, rotations, "positions", name)
             if isinstance(entries, Mapping)
@@ -479,7 +487,7 @@ class SceneReader:
     def shape(self, reader: Expressions, table: Mapping[str, Any], rotations: Sequence[Rotation], *path: str) -> Shape:
         """Return the shape of a body in a table of [positions], such as { shape = "disc", size = "r", rotation = "R" }.
 
-        Without `rotation` the body does not turn, and without `at` its centre is at the origin. `path` is the path of
+        Without `rotation` the body does not rotate, and without `at` its centre is at the origin. `path` is the path of
         the table.
         """
         self.document.check_keys(table, SHAPE_KEYS, "key of a shape", *path)
@@ -498,7 +506,7 @@ class SceneReader:
             )
 
     def run(self) -> RunSettings:
-        """Return the settings of a run from the table [run]."""
+        """Return the settings of a run in the table [run]."""
         table = self.document.table("run", RUN_KEYS, "setting of [run]")
         numbers = {key: self.document.number("run", key) for key in table if key != "method"}
         if numbers.get("t_end") == 0.0:

@@ -1,4 +1,4 @@
-"""A TOML file of limited size as data; unknown keys are refused. Errors name file, line and column."""
+"""Read a TOML file as data and find the line and column of each value, for messages; refuse unknown keys."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 from lagrange.errors import SceneError, listing, singular, suggestion, with_type
 
 KeyPath = tuple[str | int, ...]
-"""Keys and list indices from the top: ("positions", "bob", 0)."""
+"""Path to a value: keys and list indices from the top of the file, such as ("positions", "bob", 0)."""
 
 _TOKEN = re.compile(
     r'(?P<text>"""(?:\\.|[^\\])*?"""(?:"{0,2})|'
@@ -33,13 +33,16 @@ _ESCAPE = re.compile(r"\\(?:u[0-9A-Fa-f]{4}|U[0-9A-Fa-f]{8}|\r?[ \t]*\n\s*|.)", 
 
 @dataclass
 class _Frame:
-    """State of the scanner in one table, inline table or list, with its path from the top of the file."""
+    """State of the scanner in one table, inline table or list, with its path from the top of the file.
+
+    `keys` are the parts of the key that is being read, and `start` is its offset. `index` counts the entries of a list.
+    """
 
     path: KeyPath
     kind: str  # "table", "inline" or "list"
     keys: list[str] = field(default_factory=list)
     start: int = 0
-    valued: bool = False  # past the "=", or inside a list
+    valued: bool = False  # True after the sign =, or inside a list
     index: int = 0
 
     def here(self) -> KeyPath:
@@ -52,7 +55,7 @@ def places(text: str) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
     keys: dict[KeyPath, int] = {}
     values: dict[KeyPath, int] = {}
     frames = [_Frame((), "table")]
-    header = 0  # brackets at the beginning of a line: 1 for a table, 2 for an entry of a list of tables
+    header = 0  # Number of brackets at the beginning of a line: 1 for a table, 2 for an entry of a list of tables
     counts: dict[KeyPath, int] = {}
     for match in _TOKEN.finditer(text):
         if not frames:
@@ -115,12 +118,15 @@ def _read_value(frames: list[_Frame], token: str, offset: int, values: dict[KeyP
 
 
 def line_and_column(text: str, offset: int) -> tuple[int, int]:
-    """Return line and column of an offset, both counted from 1."""
+    """Return line and column of an offset in a text, both counted from 1."""
     return text.count("\n", 0, offset) + 1, offset - text.rfind("\n", 0, offset)
 
 
 def inside(text: str, offset: int, column: int) -> int:
-    """Return the offset in `text` of character number `column`, from 1, of the TOML string that starts at `offset`."""
+    """Return the offset of a character in a TOML string, which begins at `offset` of the file's `text`.
+
+    `column` is the number of the character in the string, counted from 1.
+    """
     quotes = text[offset : offset + 3]
     at = offset + (3 if quotes in ('"""', "'''") else 1)
     if at == offset + 3:
@@ -135,18 +141,18 @@ def inside(text: str, offset: int, column: int) -> int:
 def _after_fold(text: str, at: int, quotes: str) -> int:
     """Return the offset after a fold at `at`: line breaks and blanks that a backslash removes from a string.
 
-    Without a fold, or if `quotes` are not those of a multi-line string, it is `at`.
+    Without a fold, or if `quotes` do not begin a multi-line string, the offset is `at`.
     """
     fold = re.compile(r"(?:\\[ \t]*\n\s*)+").match(text, at) if quotes == '"""' else None
     return fold.end() if fold else at
 
 
 LARGEST_FILE, LARGEST_STORED = 1_048_576, 67_108_864
-"""Largest size of a scene file, and of a statement in a file of a run or in a pickle, in bytes."""
+"""Largest size in bytes of a scene file, and of a statement in a file of a run or in a pickle."""
 MOST_DOTS = 20_000_000
-"""Largest sum over the lines of (number of dots outside of strings)**2. The time and memory of tomllib for keys such as
-a.a.a grow like this sum."""
-MOST_HEADERS = 5_000  # Largest number of lines that start with a bracket; tomllib takes 30 us for each
+"""Largest sum over the lines of (number of dots outside of strings)**2. Time and memory of tomllib grow like this sum
+for keys such as a.a.a."""
+MOST_HEADERS = 5_000  # Largest number of lines that begin with a bracket; tomllib takes 30 us for each
 
 _POSITION = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
 _STRING = re.compile(r"\"(?:[^\"\\\n]|\\.)*+(?:\"|$)|'[^'\n]*(?:'|$)", re.MULTILINE)
@@ -162,7 +168,7 @@ _KINDS = (
 
 
 class Document:
-    """A TOML file as data. Raises SceneError for a file that cannot be read or is not TOML.
+    """TOML file as data. Raises SceneError for a file that cannot be read or is not TOML.
 
     `text` is the content of the file; None reads it from `path`. `most` is its largest size in bytes.
     """
@@ -180,9 +186,9 @@ class Document:
     def refuse(self, reason: str, *path: str | int, column: int | None = None, key: bool = False) -> NoReturn:
         """Raise a SceneError with the message `reason`, located at the value at `path`.
 
-        If `key` is true, it is located at the key of this value. If the file has no such value, the error is located
-        at the nearest table around it. `column` is the number of a character in the text at `path`, from 1; the error
-        is then located at this character.
+        If `key` is true, it is located at the key of this value. If the file has no such value, it is located at the
+        nearest table around it. `column` is the number of a character in the text at `path`, from 1, at which it is
+        then located.
         """
         keys, values = self._places
         offset = 0
@@ -210,9 +216,9 @@ class Document:
                 )
 
     def table(self, key: str, known: Collection[str] | None = None, what: str = "") -> Mapping[str, Any]:
-        """Return the table `key` of the file, empty if it is missing.
+        """Return the table `key` of the file, which is empty if the key is missing.
 
-        Raises SceneError for a key in it that is not in `known`, if given; `what` is the kind of the key in the
+        Raises SceneError for a key in it that is not in `known` (None: any key). `what` is the kind of the key in the
         message.
         """
         table = self.data.get(key, {})
@@ -230,9 +236,9 @@ class Document:
         return value
 
     def words(self, key: str) -> str:
-        """Return the text of a key as one line, empty if the key is missing.
+        """Return the text of a key as one line, which is empty if the key is missing.
 
-        Raises SceneError for control characters, which a terminal would obey.
+        Raises SceneError for control characters, which could change a terminal.
         """
         text = " ".join(self.text(key).split()) if key in self.data else ""
         if not text.isprintable():
@@ -251,7 +257,10 @@ class Document:
         return places(self.content)
 
     def _read(self, path: str | os.PathLike[str]) -> bytes:
-        """Return the bytes of a regular file. Other kinds are refused: a pipe would block, a device may have no end."""
+        """Return the bytes of a regular file.
+
+        Other files are refused: a pipe could block, and a device may be endless.
+        """
         data, mode = b"", 0
         try:
             mode = Path(path).stat().st_mode
@@ -294,7 +303,7 @@ class Document:
             match = _POSITION.fullmatch(str(error))
             reason, line, column = match.groups() if match else (str(error).rstrip("."), "0", "0")
             self._fail(f"this is not TOML: {reason}.", int(line or len(lines)) or None, int(column or 0) or None)
-        except ValueError:  # beyond Python's limit on the digits of integers
+        except ValueError:  # The integer has more digits than Python allows
             self._fail("an integer has thousands of digits: write a decimal, such as 1.5e100.")
 
     def _fail(self, reason: str, line: int | None = None, column: int | None = None) -> NoReturn:
@@ -307,5 +316,5 @@ def kind_of(value: Any) -> str:
 
 
 def dotted(path: tuple[str | int, ...]) -> str:
-    """Return a path as it is written in TOML, with indices in brackets: positions.bob[0]."""
+    """Return a path as in TOML, with indices in brackets: positions.bob[0]."""
     return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)[1:]

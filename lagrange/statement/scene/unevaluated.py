@@ -1,7 +1,7 @@
-"""Reader of unevaluated expressions: SymPy objects exactly as a text states them, not expanded and not sorted.
+"""Read the unevaluated expressions of scene files that programs write: SymPy objects exactly as the text states them.
 
-Files that programs write contain such texts, so that a system is read back symbol for symbol. Besides, SymPy might take
-too long to evaluate an expression from an untrusted file.
+They are not expanded and not sorted, so that a system is read back symbol for symbol. Besides, SymPy might take too
+long to evaluate an expression from an untrusted file.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from lagrange.statement.scene.guard import Guard, RefusalError, check_arguments,
 from lagrange.statement.vocabulary.functions import SYMPY_CLASSES, FunctionWord
 
 SUM, PRODUCT, FLOAT = "sum", "product", "float"
-"""Calls beside those of functions; a name before a parenthesis is always a call."""
+"""Functions that only unevaluated texts may call: a nested sum, a nested product and a number in binary."""
 
 MOST_EXPONENT, MOST_PRECISION = 2000, 1000
-"""Limits on the exponent of two, and on the bits, of a number in the notation float(mantissa, exponent, bits)."""
+"""Largest exponent of two, and largest number of bits, of a number in the notation float(mantissa, exponent, bits)."""
 
 _CONDITIONS = (Relational, BooleanFunction, BooleanAtom)
 
 
 class UnevaluatedGuard(Guard):
-    """Checks unevaluated expressions. SymPy evaluates them later, when symbols or functions in them are replaced.
+    """Check of unevaluated expressions, which SymPy evaluates later, when symbols or functions in them are replaced.
 
-    It refuses powers of constants that are computed from several numbers, such as (9**9)**9. It also refuses
-    functions that SymPy would take too long to evaluate after replacement. `replaced` are these symbols and
-    functions. `branched` has the checked subexpressions that contain a Piecewise.
+    It refuses powers of constants that are computed from several numbers, such as (9**9)**9. It also refuses functions
+    that SymPy would take too long to evaluate after the replacement. `replaced` are these symbols and functions.
+    `branched` has the checked subexpressions that contain a Piecewise.
     """
 
     def __init__(self, replaced: Iterable[Any]) -> None:
@@ -54,11 +54,11 @@ class UnevaluatedGuard(Guard):
         self._computed: set[Any] = set()
 
     def enter(self, node: Any) -> None:
-        """Record whether a checked subexpression has a property on which later checks depend.
+        """Record three properties of a checked subexpression, on which later checks depend.
 
-        There are three: it contains a Piecewise; it contains a symbol or function that is replaced before SymPy
-        evaluates the expression; it is a constant computed from several numbers. Raises RefusalError for a
-        subexpression that SymPy would later take too long to evaluate.
+        It contains a Piecewise; it contains a symbol or function that is replaced before SymPy evaluates the
+        expression; it is a constant computed from several numbers. Raises RefusalError for a subexpression that SymPy
+        would later take too long to evaluate.
         """
         if isinstance(node, sympy.Piecewise) or any(part in self.branched for part in node.args):
             self.branched.add(node)
@@ -80,9 +80,9 @@ class UnevaluatedGuard(Guard):
 class UnevaluatedExpressions(Expressions):
     """Reader of the unevaluated expressions of one file.
 
-    `names` maps identifiers to SymPy objects, and `replaced` are the objects among them that other expressions
-    replace before SymPy evaluates, such as given functions. `calls` are the names of functions of coordinates without
-    a formula.
+    `names` maps identifiers to SymPy objects. `replaced` are the objects among them that other expressions replace
+    before SymPy evaluates, such as given functions. `calls` are the names of functions of coordinates without a
+    formula.
     """
 
     def __init__(self, names: Mapping[str, Any], replaced: Iterable[Any] = (), calls: Collection[str] = ()) -> None:
@@ -92,11 +92,11 @@ class UnevaluatedExpressions(Expressions):
         self.constants = {}
 
     def enter(self, name: str, expression: Any) -> None:
-        """Define a name for an expression that is not stated as text, such as a table."""
+        """Define a name for an expression that is not given as text, such as a table."""
         self.names[name] = expression
 
     def read(self, text: str) -> Any:
-        """Return the expression that a text states. Raises SceneError with the column."""
+        """Return the expression in a text. Raises SceneError with the column."""
         expression = self.built(text).expression
         if not isinstance(expression, sympy.Expr):
             refuse(f"{NO_VALUE}.", 0)
@@ -108,7 +108,7 @@ class UnevaluatedExpressions(Expressions):
 
 
 class UnevaluatedReader(Reader):
-    """Parser of one text, as an unevaluated expression.
+    """Parser of one text as an unevaluated expression.
 
     `a/b` of whole numbers is a fraction, `1/x` a power, and `x - 2*y` has the term `-2*y`.
     """
@@ -138,7 +138,7 @@ class UnevaluatedReader(Reader):
             parts = []
 
     def joined(self, start: int, build: Any, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return the conjunction or disjunction of conditions, unevaluated. A single condition is returned unchanged.
+        """Return the unevaluated conjunction or disjunction of conditions. A single condition is returned unchanged.
 
         `build` is SymPy's And or Or. `start` is the offset of the first condition in the text, for errors.
         """
@@ -181,7 +181,7 @@ class UnevaluatedReader(Reader):
         return ParsedValue(_power(term_of(base), term_of(exponent)))
 
     def _applied(self, word: FunctionWord, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return the function `word` of the parsed arguments `parts`, unevaluated; exp(1) is the constant E."""
+        """Return the function `word` of the parsed arguments `parts`, unevaluated. exp(1) is the constant E."""
         check_arity(word, len(parts))
         arguments = list(map(term_of, parts))
         if word.build is sympy.exp and parts[0].literal and arguments == [1]:
@@ -200,9 +200,9 @@ class UnevaluatedReader(Reader):
         return ParsedValue(sympy.Function(name)(*arguments))
 
     def _branches(self, branches: Sequence[Branch], last: ParsedValue | None) -> ParsedValue:
-        """Return a Piecewise of `branches`, pairs of value and condition, and of the value otherwise, `last`.
+        """Return a Piecewise of `branches`, which are pairs of value and condition, and of `last`, the value otherwise.
 
-        If the values are conditions themselves, it is an ITE.
+        If the values are conditions themselves, the result is an ITE.
         """
         conditions = [_condition_of(condition) for _, condition in branches]
         if any(condition in self.guard.branched for condition in conditions):  # SymPy would rewrite it
@@ -231,7 +231,7 @@ def _condition_of(value: ParsedValue) -> Any:
 
 
 def _negated(term: Any) -> Any:
-    """Return minus a term; if the term begins with a number, the sign of that number changes."""
+    """Return minus a term. If the term begins with a number, the sign of that number changes."""
     if isinstance(term, sympy.Number):
         return -term
     if isinstance(term, sympy.Mul):
@@ -250,7 +250,7 @@ def _power(base: Any, exponent: Any) -> Any:
 
 
 def _binary_number(numbers: Sequence[Any]) -> Any:
-    """Return mantissa * 2**exponent as a SymPy number; `numbers` are mantissa, exponent and precision in bits."""
+    """Return mantissa * 2**exponent as a SymPy number. `numbers` are mantissa, exponent and precision in bits."""
     if len(numbers) != 3 or not all(isinstance(number, sympy.Integer) for number in numbers):
         raise RefusalError("float takes three whole numbers: mantissa, exponent of two, and bits")
     mantissa, exponent, precision = map(int, numbers)

@@ -1,4 +1,4 @@
-"""Writer of scene files: the text reads back as the same statement, symbol for symbol."""
+"""Write a Statement as the text of a scene file, which reads back as the same statement, symbol for symbol."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ from lagrange.statement.units.dimension import named
 from lagrange.statement.vocabulary.functions import NAME_OF_CLASS
 from lagrange.statement.vocabulary.letters import NAME
 
-SHARED = 40  # Smallest length, in characters, of a part that gets a definition because it occurs twice
-LONG_PART = 400  # Largest number of characters of a part inside another one. A longer part has a definition.
+SHARED = 40  # Least number of characters of a part that gets a definition because it occurs twice
+LONG_PART = 400  # Largest number of characters of a part inside another one. A longer part gets a definition.
 
 DEEP = 12
-"""Largest number of levels of a part; each has at most four of the `expressions.DEEPEST` levels. A deeper part has a
-definition."""
+"""Largest number of nested levels of a part. A deeper part gets a definition. Each level is read as four levels at
+most, and the reader allows `expressions.DEEPEST_NESTING`."""
 
 IF, TERM, FACTOR, BASE, ATOM = range(5)
-"""Binding strength of the outermost operation of a text, weakest first."""
+"""Binding strengths of the outermost operation of a text, the weakest first."""
 
 _LOGIC = {And: " and ", Or: " or "}
 
 
 class Text(NamedTuple):
-    """Text of an expression, how strongly its outermost operation binds, and its number of nested levels."""
+    """Text of an expression, binding strength of its outermost operation, and number of its nested levels."""
 
     text: str
     strength: int = ATOM
@@ -57,11 +57,11 @@ class Text(NamedTuple):
 
 
 class SharedText:
-    """Writes expressions as texts, in which names replace parts that are repeated or nested deeply.
+    """Writer of expressions as texts, in which names replace parts that are repeated or nested deeply.
 
-    `definitions` maps each such name to its text, in order of use. `leaves` maps symbols and functions of time to
-    their texts. `roots` are all expressions to be written, and `taken` the names that definitions must not have.
-    Raises RefusalError for a part that cannot be written.
+    `definitions` maps each such name to its text, in order of use. `leaves` maps symbols and functions of time to their
+    texts. `roots` are all expressions to be written, and `taken` the names that definitions must not have. Raises
+    RefusalError for a part that cannot be written.
     """
 
     def __init__(self, roots: Iterable[Any], leaves: Mapping[Any, str], taken: Iterable[str]) -> None:
@@ -97,7 +97,7 @@ class SharedText:
         return self._known[expression].text
 
     def _counted(self, roots: Iterable[Any]) -> dict[Any, int]:
-        """Return the number of occurrences of each subexpression of the expressions `roots`, and of these themselves.
+        """Return the number of occurrences of each subexpression in the expressions `roots`.
 
         The parts of a repeated subexpression are counted once.
         """
@@ -111,9 +111,9 @@ class SharedText:
         return uses
 
     def _entry(self, node: Any, *, root: bool) -> Text:
-        """Return the text that stands for an expression in others: its own, or the name of its definition.
+        """Return the text of an expression for use in others: written out, or the name of its definition.
 
-        If `root` is true, the expression is one of those to be written, and not defined if it occurs only once.
+        If `root` is true, the expression is one of those to be written, and gets no definition if it occurs only once.
         """
         if isinstance(node, ExprCondPair):
             return Text("")
@@ -230,7 +230,7 @@ class SharedText:
     def _last(self, node: Any, kind: Any) -> Text:
         """Return the text of the expression after the last "else" of a condition.
 
-        If it has branches itself, it gets a definition. Otherwise these would be read back as branches of the outer
+        If it has branches, it gets a definition. Otherwise these branches would be read back as branches of the outer
         condition. `kind` is the class of the outer condition.
         """
         entry = self._part(node)
@@ -244,7 +244,7 @@ def _is_divisor(node: Any) -> bool:
 
 
 def _is_signed(term: Any, part: Text) -> bool:
-    """Return True if the minus sign with which the text of `term` begins belongs to a number.
+    """Return True if the text of `term` begins with a minus sign that belongs to a number.
 
     The term is that number, or a product that begins with it.
     """
@@ -265,20 +265,20 @@ def _number(number: Any) -> Text:
 
 
 BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_")
-"""The characters of a TOML key without quotation marks."""
+"""Characters of TOML keys without quotation marks."""
 
 
 def scene_text(statement: Statement) -> str:
     """Return the text of a scene file that reads back as the statement, symbol for symbol.
 
-    The scene says `evaluate = false`, so SymPy does not rearrange its expressions. Raises StatementError for parts that
-    scenes cannot state, such as derivatives of functions without a formula, or functions with assumptions.
+    The scene has `evaluate = false`, so SymPy does not rearrange its expressions. Raises StatementError for parts that
+    scenes cannot contain, such as derivatives of functions without a formula, or functions with assumptions.
     """
     return "\n".join(_SceneWriter(statement.open_form or statement).lines()) + "\n"
 
 
 def sign_of(parameter: Any) -> str:
-    """Return the assumptions of a parameter, as [signs] states them; "real" for a real symbol without a sign."""
+    """Return the assumptions of a parameter in the words of the table [signs], such as "real" or "positive"."""
     for words in ({"real": True}, {}, {"positive": True}, {"nonnegative": True}):
         if parameter == sympy.Symbol(parameter.name, **words):
             return next(iter(words), NO_SIGN)
@@ -287,7 +287,10 @@ def sign_of(parameter: Any) -> str:
 
 
 class _SceneWriter:
-    """Writes one statement as the lines of a scene file. Raises StatementError for parts that scenes cannot state."""
+    """Writer of one statement as the lines of a scene file.
+
+    Raises StatementError for parts that scenes cannot contain.
+    """
 
     def __init__(self, statement: Statement) -> None:
         self.statement, names = statement, statement.rotations
@@ -323,7 +326,7 @@ class _SceneWriter:
         return [*energies, typed.dissipation, *typed.forces, *constraints, *contacts, *points, *events]
 
     def named_tables(self, taken: list[str]) -> Iterator[tuple[str, str]]:
-        """Yield (name, text) of each table of measured values; the name becomes the text of its spline in `leaves`."""
+        """Yield (name, text) of each table of measured values. In `leaves` the name becomes the text of its spline."""
         plain = SharedText((), dict(self.leaves), taken)
         nodes = dict.fromkeys(
             node for root in self.roots() for node in sorted(root.atoms(sympy.Piecewise), key=sympy.default_sort_key)
@@ -367,7 +370,7 @@ class _SceneWriter:
         yield from events
 
     def event(self, event: Event) -> Iterator[str]:
-        """Yield the lines of the table [[events]] of one event."""
+        """Yield the lines of the table [[events]] for one event."""
         yield "\n[[events]]"
         yield f"when = {self.text('an event', event.expression)}"
         if event.direction:
@@ -417,9 +420,9 @@ class _SceneWriter:
         }
 
     def text(self, what: str, expression: Any, shared: SharedText | None = None) -> str:
-        """Return an expression as a quoted text. `what` names it in errors.
+        """Return an expression as a quoted text. `what` is its name in errors.
 
-        `shared` writes it and defines its shared parts; None is the writer for the whole file.
+        `shared` is the writer whose definitions it may use; None is the writer for the whole file.
         """
         try:
             return f"'{(shared or self.shared).text(expression)}'"
@@ -429,7 +432,7 @@ class _SceneWriter:
             ) from None
 
     def contact(self, each: Contact) -> Mapping[str, str]:
-        """Return {key: text} for the table of a contact; its slip and friction are lists if they have two entries."""
+        """Return {key: text} for the table of a contact. Its slip and friction are lists if they have two entries."""
         what = f"the contact {each.name}"
         friction = each.friction[:1] if each.friction[0] == each.friction[1] else each.friction
         entries = {"gap": [each.gap], "slip": each.slip, "restitution": [each.restitution], "friction": friction}
@@ -460,9 +463,9 @@ class _SceneWriter:
 
 
 def _columns(table: TabulatedFunction, names: Sequence[str] = ("", "")) -> str:
-    """Return the points and the values of a table as two lists in text.
+    """Return the points and the values of a table as text of two lists.
 
-    Unless `names` are empty, each list follows its name and an equals sign.
+    Each list follows its name in `names` and an equals sign, unless the names are empty.
     """
     rows = (f"[{_joined(map(repr, row))}]" for row in (table.points, table.values))
     return _joined(f"{name} = {row}" if name else row for name, row in zip(names, rows, strict=True))
@@ -473,7 +476,7 @@ def _joined(texts: Iterable[str]) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return a TOML string. JSON escapes the same characters as TOML, except the control character DEL."""
+    """Return a text as a TOML string. JSON escapes the same characters as TOML, except the control character DEL."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 

@@ -1,1 +1,1 @@
-"""Reader of typed equations, plain, in Unicode or LaTeX, into the strict notation of scene files."""
+"""Reader of equations that people type, plain, in Unicode or LaTeX, into the strict notation of scene files."""

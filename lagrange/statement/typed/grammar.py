@@ -1,8 +1,8 @@
-"""Parser of a typed formula: from tokens to the strict notation, with every product, power and bracket written out.
+"""Parser of a typed formula: tokens become the strict notation of scene files, with products and brackets written out.
 
-Some texts have two readings: `g/2l`, `sin a b`, `sin x^2`, a word that is a product in two ways. The parser asks its
-`Choices` at each such place. Parsing again with other choices gives the other readings. Unknown words, impossible
-derivatives and unmatched brackets are found before.
+Some texts have several readings: `g/2l`, `sin a b`, `sin x^2`, and a word that is a product in two ways. At each such
+place the parser takes an option from `Choices`. Another pass with other options gives another reading. `faults_of`
+finds unknown words, impossible derivatives and unmatched brackets before the parser runs.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from lagrange.statement.typed.names import Names, Piece
 from lagrange.statement.typed.remarks import WORD, kind_of
 from lagrange.statement.typed.tokens import OPENING, ORDERS, Token
 
-DEEPEST = 40  # Most levels of nested brackets, functions, fractions and exponents; the parser is recursive
-MOST_READINGS = 12  # Most readings of one text that are tried
+DEEPEST = 40  # Largest number of levels of brackets, functions, fractions and exponents; the parser is recursive
+MOST_READINGS = 12  # Largest number of readings of one text that are tried
 
 SUM, PRODUCT, POWER, ATOM = range(4)
 
-# Letters of constant angles at the end of the argument of a function
+# Matches the name of a constant angle, such as alpha or theta_0, at the end of the argument of a function
 _ANGLE = re.compile(r"\b(?:alpha|beta|gamma|delta|theta|phi|psi|chi)_?[0-9]*$")
 
-_DIFFERENTIAL = re.compile(r"d[A-Z]\w*")  # The differential of a function, as in dV/dx
+_DIFFERENTIAL = re.compile(r"d[A-Z]\w*")  # Matches the differential of a function, such as dV in dV/dx
 
 
 class TypedFault(Exception):
-    """A fault in a typed text: its `reason`, a sentence without the final period, and its `offset` in the text.
+    """Fault in a typed text: its `reason`, a sentence without the final period, and its `offset` in the text.
 
-    `read` is the equation before the fault in the strict notation, or "". `others` are the further faults of the
-    equation.
+    `read` is the part of the equation before the fault, in the strict notation, or "". `others` are further faults of
+    the equation.
     """
 
     def __init__(self, reason: str, offset: int) -> None:
@@ -41,13 +41,13 @@ class TypedFault(Exception):
 
 
 class UnknownWord(TypedFault):
-    """Fault of a word that is neither a symbol of the system nor a product of symbols."""
+    """Fault: a word is neither a symbol of the system nor a product of symbols."""
 
 
 def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
-    """Return the faults of a formula that are found before parsing.
+    """Return the faults of a formula that are found before parsing, sorted by their offsets.
 
-    They are characters that cannot be read, unknown words, impossible derivatives and unmatched brackets.
+    Such faults are unreadable characters, unknown words, impossible derivatives and unmatched brackets.
     """
     faults, opened = list[TypedFault](), list[Token]()
     for token, following in zip_longest(tokens, tokens[1:]):
@@ -80,8 +80,8 @@ def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
 def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> list[list[Piece]]:
     """Return the readings of a word with its dots applied to the first factor and its primes to the last one.
 
-    `token` is the word with its dots and primes. Each reading is a list of factors; one whose symbols have no such
-    derivative is left out.
+    `token` is the word with its dots and primes. Each reading is a list of factors. A reading is left out if one of its
+    symbols has no such derivative.
     """
     results = []
     for pieces in readings:
@@ -96,9 +96,9 @@ def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> l
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a formula in the strict notation, and its outermost operation, `level`: SUM, PRODUCT, POWER or ATOM.
+    """Part of a formula in the strict notation, and its outermost operation `level`: SUM, PRODUCT, POWER or ATOM.
 
-    `number` is true for constants. `moves` is true if it contains a coordinate, a velocity or t.
+    `number` is true for constants. `moves` is true if the part contains a coordinate, a velocity or t.
     """
 
     text: str
@@ -113,24 +113,24 @@ class Part:
 
 @dataclass
 class Choices:
-    """Choices of the parser at places of a text that have several readings.
+    """Options that the parser takes at places of a text that have several readings.
 
-    A choice is named by a text. `chosen` maps it to the index of an option; without an entry the option is 0. `asked`
-    maps each choice that the parser met to its number of options.
+    A choice is named by a text. `chosen` maps it to the index of an option. A choice without an entry takes option 0.
+    `asked` maps each choice that the parser met to its number of options.
     """
 
     chosen: dict[str, int] = field(default_factory=dict)
     asked: dict[str, int] = field(default_factory=dict)
 
     def take(self, choice: str, count: int) -> int:
-        """Return the index of the option taken in a choice, and record its number of options, `count`."""
+        """Return the index of the option taken in a choice. Record `count`, the number of options of this choice."""
         self.asked[choice] = max(count, self.asked.get(choice, 0))
         return min(self.chosen.get(choice, 0), count - 1)
 
     def others(self) -> list[dict[str, int]]:
-        """Return sets of choices that give other readings, those that differ least from the default options first.
+        """Return sets of options that give other readings, sorted by the number of options that are not the default.
 
-        Each is a value for `chosen`: {choice: index of an option}.
+        Each set is a value for `chosen`: {choice: index of an option}.
         """
         open_choices = {choice: count for choice, count in self.asked.items() if count > 1}
         every = product(*(range(count) for count in open_choices.values()))
@@ -140,9 +140,9 @@ class Choices:
 
 @dataclass
 class Formula:
-    """One reading of a formula in the strict notation, in which a new name stands for each d/dt(...).
+    """One reading of a formula in the strict notation, in which a new name replaces each d/dt(...).
 
-    `rates` maps each such name to the strict text of the differentiated expression and the order of the derivative.
+    `rates` maps each new name to (strict text of the differentiated expression, order of the derivative).
     """
 
     text: str
@@ -150,7 +150,7 @@ class Formula:
 
     @property
     def shown(self) -> str:
-        """The text of the formula, with d/dt(...) in place of the names of time derivatives."""
+        """Text of the formula, with d/dt(...) in place of the new names."""
         text = self.text
         for name, (operand, order) in reversed(self.rates.items()):
             sign = "d/dt" if order == 1 else f"d^{order}/dt^{order}"
@@ -159,7 +159,7 @@ class Formula:
 
     @property
     def terms(self) -> list[str]:
-        """The strict texts of the terms of the outermost sum, except those that contain d/dt of an expression."""
+        """Strict texts of the terms of the outermost sum, except terms that contain d/dt of an expression."""
         terms, depth = [""], 0
         for piece in re.split(r"( [+-] |[()])", self.text):
             depth += (piece == "(") - (piece == ")")
@@ -172,17 +172,18 @@ class Formula:
 
 @dataclass(frozen=True)
 class _Symbol(Token):
-    """A token that is a symbol or a function of the system, given by `piece`."""
+    """Token of a symbol or function of the system. Its meaning is `piece`."""
 
     piece: Piece = field(default_factory=lambda: Piece(""))
 
 
 def parsed(tokens: Sequence[Token], names: Names, choices: Choices, taken: int = 0) -> Formula:
-    """Return one reading of a formula, according to `choices`. Raises TypedFault for tokens that are not a formula.
+    """Return one reading of a formula, with the options in `choices`.
 
-    `taken` is the number of new names for time derivatives on the other sides of the equation.
+    Raises TypedFault for tokens that are not a formula. `taken` is the number of new names for time derivatives on the
+    other sides of the equation.
     """
-    expanded: list[Token] = []  # with the symbols of which a word is a product in place of the word
+    expanded: list[Token] = []  # In it, the factors of a product replace the word
     for token in tokens:
         if token.kind != "word":
             expanded.append(token)
@@ -201,7 +202,10 @@ def parsed(tokens: Sequence[Token], names: Names, choices: Choices, taken: int =
 
 
 class _Parser:
-    """Recursive-descent parser of one side of an equation. Each method reads one part and moves `index` after it."""
+    """Recursive-descent parser of one side of an equation.
+
+    Each method reads one part, and moves `index` to the next token.
+    """
 
     def __init__(self, tokens: list[Token], choices: Choices, names: Names, taken: int) -> None:
         self.tokens, self.choices, self.names, self.taken = tokens, choices, names, taken
@@ -209,22 +213,22 @@ class _Parser:
         self.rates: dict[str, tuple[str, int]] = {}
 
     def peek(self, ahead: int = 0) -> Token | None:
-        """Return the token `ahead` places after the current one, or None after the end."""
+        """Return the token `ahead` places after the current one, or None beyond the end."""
         index = self.index + ahead
         return self.tokens[index] if index < len(self.tokens) else None
 
     def next_is(self, *signs: str) -> bool:
-        """Return True if the token at the current position is one of these signs."""
+        """Return True if the current token is one of these signs."""
         token = self.peek()
         return token is not None and token.is_sign(*signs)
 
     def fault(self, reason: str) -> TypedFault:
-        """Return a fault with this reason at the current token."""
+        """Return a fault with this reason, located at the current token."""
         token = self.peek()
         return TypedFault(reason, token.begin if token else self.tokens[-1].end if self.tokens else 0)
 
     def sum(self) -> Part:
-        """Read terms with + and - between them."""
+        """Read a sum: terms with + and - between them."""
         text, moves = "", False
         while True:
             sign = "-" if self.negative() else "+"
@@ -238,7 +242,7 @@ class _Parser:
                 return Part(text, SUM, moves=moves)
 
     def negative(self) -> bool:
-        """Read the signs before a value, and return True if their product is negative."""
+        """Read the signs + and - before a value, and return True if their product is negative."""
         negative = False
         while self.next_is("+", "-"):
             negative ^= self.tokens[self.index].text == "-"
@@ -246,7 +250,7 @@ class _Parser:
         return negative
 
     def product(self) -> Part:
-        """Read factors with *, / or nothing between them."""
+        """Read a product: factors with *, / or nothing between them."""
         left = self.factor()
         while True:
             if self.next_is("*"):
@@ -261,20 +265,20 @@ class _Parser:
                 return left
 
     def signed(self) -> Part:
-        """Read a factor that may have a sign."""
+        """Read a factor that may have signs before it."""
         negative, part = self.negative(), self.factor()
         return Part(f"-{part.at(POWER)}", SUM, part.number, part.moves) if negative else part
 
     def divided(self, above: Part) -> Part:
         """Read a denominator, and return the quotient of `above` by it.
 
-        Whether further factors belong to the denominator, as in g/2l, is one of the choices.
+        One of the choices is about further factors, as l in g/2l, which may belong to the denominator.
         """
         below = self.signed()
         closed = self.tokens[self.index - 1].is_sign(*OPENING.values())
         following = self.peek()
         if following is not None and self.starts_value():
-            # In g/2l the l belongs to the denominator; in k/(m l^2)(x - y) and 1/2 m it does not.
+            # In g/2l, l belongs to the denominator. In k/(m l^2)(x - y) and 1/2 m, the following factor does not.
             joined = not following.spaced and not (above.number and below.number) and not closed
             if self.decides(f"division {'joined' if joined else 'apart'}", usual=joined):
                 while self.starts_value() and not (joined and self.tokens[self.index].spaced):
@@ -282,11 +286,14 @@ class _Parser:
         return _times(above, below, "/")
 
     def decides(self, question: str, *, usual: bool) -> bool:
-        """Return the answer to a question about an ambiguous place: the `usual` one, or the other by `choices`."""
+        """Return the decision at an ambiguous place: `usual`, or its opposite if `choices` says so.
+
+        `question` is the name of the choice.
+        """
         return usual != bool(self.choices.take(question, 2))
 
     def starts_value(self) -> bool:
-        """Return True if the token at the current position begins a factor."""
+        """Return True if the current token begins a factor."""
         token = self.peek()
         if token is None:
             return False
@@ -295,11 +302,11 @@ class _Parser:
         return token.kind in ("number", "rate", "operator", "symbol", "function", "e", "pi")
 
     def factor(self) -> Part:
-        """Read a value with its exponent."""
+        """Read a value and its exponent."""
         return self.raised(self.value())
 
     def raised(self, base: Part) -> Part:
-        """Read the exponents and primes after `base`, and return its power or its derivative."""
+        """Read the exponents and primes after `base`, and return the power or the derivative of `base`."""
         while (token := self.peek()) is not None:
             if token.kind == "prime":
                 self.index += 1
@@ -311,7 +318,7 @@ class _Parser:
         return base
 
     def exponent(self) -> Part | None:
-        """Read the exponent at the current token; return None if there is none."""
+        """Read the exponent at the current token, and return it. Return None if there is none."""
         token = self.peek()
         if token is None or not (token.is_sign("^") or token.kind == "power"):
             return None
@@ -324,7 +331,10 @@ class _Parser:
         return Part(f"-{part.at(POWER)}", SUM, part.number) if negative else part
 
     def value(self) -> Part:
-        """Read a number, a symbol, a function call, or an expression in brackets."""
+        """Read a number, a symbol, a function call, or an expression in brackets.
+
+        Raises TypedFault if nested too deeply.
+        """
         self.depth += 1
         if self.depth > DEEPEST:
             raise self.fault(f"more than {DEEPEST} brackets, functions or exponents stand inside each other")
@@ -333,7 +343,7 @@ class _Parser:
         return part
 
     def opened(self) -> Part:
-        """Read a value: a number, a symbol, a call, a derivative or an expression in brackets."""
+        """Read a number, a symbol, a call, a derivative or an expression in brackets, without the check of nesting."""
         token = self.peek()
         if token is None:
             raise self.fault("a value is missing at the end")
@@ -366,7 +376,7 @@ class _Parser:
         raise TypedFault(missing if token.kind in ("sign", "number") else "a mark follows no symbol", token.begin)
 
     def operand(self) -> Part:
-        """Read the operand of d/dt: a bracket or a product. Whether further factors belong to it is a choice."""
+        """Read the operand of d/dt: a bracket or a product. One of the choices is how many factors belong to it."""
         begin = self.index
         bracket = self.next_is("(", "[", "\\frac")
         part = self.value() if bracket else self.factor()
@@ -377,9 +387,9 @@ class _Parser:
         return part
 
     def inside(self, opened: Token, *, several: bool = False) -> list[Part]:
-        """Read an expression, or `several` between commas, up to the bracket that closes `opened`.
+        """Read the expression in a bracket and the closing bracket.
 
-        The opening bracket was read before.
+        If `several` is true, read expressions between commas. `opened` is the opening bracket, which was read before.
         """
         bars, self.bars = self.bars, 0
         parts = [self.sum()]
@@ -391,14 +401,14 @@ class _Parser:
         return parts
 
     def expect(self, *signs: str) -> str:
-        """Read one of these signs and return it. Raises TypedFault if another token stands there."""
+        """Read one of these signs and return it. Raises TypedFault if the current token is another one."""
         if not self.next_is(*signs):
             raise self.fault(f"{' or '.join(map(repr, signs))} is expected")
         self.index += 1
         return self.tokens[self.index - 1].text
 
     def symbol(self, token: _Symbol) -> Part:
-        """Read a symbol, or a function call, whose first token `token` was read."""
+        """Read the rest of a symbol or function call, whose first token was read as `token`."""
         piece = token.piece
         if piece.kind == "function":
             return self.function(piece.name, token)
@@ -456,7 +466,7 @@ class _Parser:
         return Part(f"-{part.at(PRODUCT)}", SUM, moves=part.moves) if negative else part
 
     def goes_on(self, part: Part) -> bool:
-        """Return True if the argument of a function without brackets, as in sin 2 t, continues after `part`."""
+        """Return True if the argument of a function without brackets continues after `part`, as in sin 2 t after 2."""
         token, after = self.peek(), self.peek(1)
         if token is None or token.kind == "function":
             return False
@@ -467,12 +477,15 @@ class _Parser:
         operator = self.next_is("*", "/") and after is not None and after.kind != "function"
         if part.number or not (operator or self.starts_value()):
             return operator or self.starts_value()
-        # The argument of sin omega t has two factors, that of sin alpha x and of cos a/(m + M) one.
+        # The argument of sin omega t has two factors. The arguments of sin alpha x and of cos a/(m + M) have one.
         over_bracket = self.next_is("/") and after is not None and after.is_sign(*OPENING)
         return self.decides("argument of constants", usual=not (_ANGLE.search(part.text) or over_bracket))
 
     def bare_factor(self) -> Part:
-        """Read a factor of an argument without brackets. Whether an exponent belongs to it is one of the choices."""
+        """Read a factor of an argument without brackets.
+
+        One of the choices is whether a following exponent belongs to it.
+        """
         part = self.value()
         powered = (token := self.peek()) is not None and (token.is_sign("^") or token.kind == "power")
         if part.moves and powered and not self.decides("power of an argument", usual=True):
@@ -480,14 +493,14 @@ class _Parser:
         return self.raised(part)
 
     def called(self, name: str, arguments: list[Part]) -> Part:
-        """Return the part that is a call of the function `name` with `arguments`."""
+        """Return the call of the function `name` with `arguments`, as a part."""
         moves = any(part.moves for part in arguments)
         return Part(f"{name}({', '.join(part.text for part in arguments)})", moves=moves)
 
     def rate(self, operand: Part, order: int, offset: int) -> Part:
-        """Return the time derivative of an operand: a symbol of the system, or a new name entered in `rates`.
+        """Return the time derivative of an operand: a symbol of the system, or a new name, which is entered in `rates`.
 
-        `order` is that of the derivative, and `offset` its place in the text for faults.
+        `order` is the order of the derivative, and `offset` its place in the text, where a fault is located.
         """
         if order > 2:
             raise TypedFault("an equation of motion has no third derivative", offset)
@@ -500,6 +513,6 @@ class _Parser:
 
 
 def _times(left: Part, right: Part, sign: str = "*") -> Part:
-    """Return the product of two parts, or their quotient for the `sign` "/"."""
+    """Return the product of two parts, or their quotient if `sign` is "/"."""
     text = f"{left.at(PRODUCT)}{sign}{right.at(PRODUCT if sign == '*' else POWER)}"
     return Part(text, PRODUCT, left.number and right.number, left.moves or right.moves)

@@ -1,7 +1,7 @@
-"""Lines of a text with equations: text outside of formulas is blanked out, and continued lines are joined.
+"""Find the equations in a typed text: blank out all other text, join continued lines, and divide lines into equations.
 
-The text keeps its length, so that offsets in it are those of the typed text. If a document cannot be read as a whole,
-only its formulas are read, or only the section with the equations of motion.
+The text keeps its length, so that offsets refer to the typed text. If a document cannot be read as a whole, only its
+formulas are read, or only the section with the equations of motion.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from lagrange.errors import StatementError
 from lagrange.statement.typed.respelling import MATRIX, MATRIX_END, blanks, respelled
 from lagrange.statement.typed.tokens import OPERATOR
 
-# Marks around formulas: environments, labels, dollar signs, and an empty group before a sign
+# Matches marks around formulas: environments, labels, dollar signs, and an empty group before a sign
 _FRAME = re.compile(
     r"\\(?:begin|end)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\(?:label|tag|[hv]space|[hv]?phantom|color)\*?\{[^{}\n]*\}"
     r"|\\[\[\]()]|\\item\b|\$+"
     r"|(?<=[\s&])\{\s*\}|\\left\s*\\\{(?=\s*\\begin)|\\right\s*\.|\\(?:left|right)(?![A-Za-z])"
 )
-# The begin of a frame around an equation, up to its bracket
+# Matches the beginning of a frame around an equation, up to its bracket
 _FRAMED = re.compile(r"\\(?:boxed|fbox|underline|textcolor\{[^{}\n]*\})[ \t]*\{|(?<![A-Za-z0-9_])Eq\(")
 _LABEL = re.compile(
     r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*(?:[ivx]{1,4}|[a-h])\s*\)(?=\s)|[0-9]{1,2}\.?\s*\)|[0-9]{1,2}\.(?=\s)"
@@ -34,10 +34,10 @@ _TRAILING_LABEL = re.compile(
 _END = " \t\r\f\v\u00a0;,.!?✓✔☑∎□■"
 _GOES_ON = re.compile(rf"(?:[-+*/=({{\[,\u2212·⋅×]|{OPERATOR})[&\s]*$")
 _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
-_CHAINED = re.compile(r"[\s&]*={1,2}(?!=)")  # a = b and on the next line = c
+_CHAINED = re.compile(r"[\s&]*={1,2}(?!=)")  # Matches the second line of a = b, which continues on it with = c
 _MATRIX = re.compile(r"\\begin\{[pbBvV]?(?:small)?matrix\}|\bMatrix\(")
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
-# The space \, is within an equation; the space \; divides two equations if no other mark does
+# The space \, is part of an equation. The space \; divides two equations if no other mark does.
 _SEPARATOR = re.compile(
     r"(?<!\\)[;&\v]|\.(?=\s)|(?<![0-9\\]),|(?<!\\),(?![0-9])|\band\b|\bund\b|\\q?quad\b"
     r"|\\;(?=(?:(?!\\q?quad)[^=,;])*=)"
@@ -52,9 +52,9 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
 
     Comments, labels, LaTeX environments and punctuation at the ends of lines are blanked out. A line continues if it
     ends with an operator, if the next line begins with one, or if a bracket is open. A line that begins with an
-    operator continues the equation before it, unless both contain "=". After an equation with "=" a line is also a new
-    equation at the start of an environment, after a label, or at the indentation of an equation whose further lines are
-    indented more. Raises StatementError for a matrix in a notation that is not supported.
+    operator continues the equation before it, unless both contain "=". After an equation with "=", three such lines
+    begin a new equation: at the start of an environment, after a label, and at the indentation of an equation whose
+    further lines are indented more. Raises StatementError for a matrix in a notation that is not supported.
     """
     framed = _unframed(respelled(text))
     if _MATRIX.search(framed):
@@ -109,8 +109,8 @@ def _unframed(text: str) -> str:
 def _without_labels(lines: Sequence[str], is_coordinate: Callable[[str], bool]) -> list[str]:
     """Return lines with blanks for bullets, - or *, if every equation has one, and for coordinates such as (r).
 
-    If only some lines begin with bullets, they are operators, and so is a single minus sign. A single coordinate may be
-    a factor, so it stays.
+    If only some lines begin with bullets, these are operators. A minus sign on the only line is an operator too. A
+    single coordinate in brackets may be a factor, so it stays.
     """
     stated = [line for line in lines if line.strip() and not line.rstrip().endswith(":")]
     certain = len(stated) > 1 or (stated and stated[0].lstrip().startswith("*"))
@@ -134,7 +134,7 @@ def _joined(before: str, line: str, *, anew: bool) -> bool:
 
 
 def depth_of(text: str) -> int:
-    """Return the number of opening brackets minus that of closing brackets."""
+    """Return the number of opening brackets minus the number of closing brackets."""
     return sum((mark in OPEN) - (mark in CLOSE) for mark in text)
 
 
@@ -153,7 +153,10 @@ def _without_label(line: str) -> str:
 
 
 def separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
-    """Return the spans of the equations in text[begin:end], separated by ; or by , unless that is a decimal comma."""
+    """Return the spans (begin, end) of the equations in text[begin:end], which are separated by ; or ,.
+
+    A decimal comma does not separate equations.
+    """
     spans, start = [], begin
     for match in _SEPARATOR.finditer(text, begin, end):
         left, right = text[start : match.start()], text[match.end() : end]
@@ -166,7 +169,8 @@ def separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
 
 _BODY = re.compile(r"\\begin\{document\}(.*?)\\end\{document\}", re.DOTALL)
 _MARK = r"[ \t]*(?:\\(?:sub)*section\*?\{|#+|\*\*)"
-# A heading on a line of its own, and the text up to the next one: after a blank line, not indented, without = or $
+# Matches a heading on its own line, and the text up to the next heading: after a blank line, not indented, without = or
+# $
 _SECTION = re.compile(
     rf"^(?:{_MARK})?[ \t]*(?:equations?[ ]of[ ]motion|bewegungsgleichung(?:en)?)[ \t]*(?:\}}|\*\*|:)*[ \t]*$"
     rf"(.*?)(?=^{_MARK}|\n[ \t]*\n[^\s=\\$][^=\n\\$]*$|\Z)",
@@ -180,10 +184,10 @@ _FORMULA = re.compile(
 
 
 def parts_of_document(text: str) -> Iterator[str]:
-    """Yield versions of a document in which blanks replace all but some formulas.
+    """Yield versions of a document in which blanks replace all but some formulas. Texts keep their length.
 
-    The first version keeps all marked formulas, and is left out if there are none. The second keeps the section with
-    the equations of motion. Texts keep their length.
+    The first version keeps all marked formulas, and is left out if there are none. The second version keeps the section
+    with the equations of motion.
     """
     body, section = _BODY.search(text), _SECTION.search(text)
     for match in (body, section):

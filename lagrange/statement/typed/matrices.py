@@ -1,7 +1,7 @@
-r"""Vectors: each row of \begin{pmatrix} ... \end{pmatrix} becomes a separate equation, and |r| is a length.
+r"""Divide typed vector equations into scalar ones: rows of \begin{pmatrix} ... \end{pmatrix}, and lengths |r|.
 
-A vector equation contains columns, and products of matrices with columns. In the equation of a row, each of them is
-replaced by its entry in this row, in brackets.
+A vector equation contains columns, and products of matrices with columns. In the equation of a row, the entry of the
+row, in brackets, replaces each column.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from lagrange.statement.typed.names import Names
 from lagrange.statement.typed.respelling import CELL, MATRIX, MATRIX_END, ROW
 from lagrange.statement.typed.tokens import Token, bracketed, closing
 
-MOST_TOKENS = 4_000  # Most tokens of a product of matrices, which repeats their entries
-Matrix = list[list[list[Token]]]  # The tokens of each entry, by rows
-_VECTOR = re.compile(r"([rv])(_?\w{0,8})")  # The name of a position r or a velocity v, and its subscript
+MOST_TOKENS = 4_000  # Largest number of tokens of a product of matrices, which repeats their entries
+Matrix = list[list[list[Token]]]  # Rows of entries. Each entry is a list of tokens.
+_VECTOR = re.compile(r"([rv])(_?\w{0,8})")  # Matches the name of a position r or a velocity v, and its subscript
 
 
 def rows_of(equations: Sequence[Sequence[Token]], names: Names) -> list[list[Sequence[Token]]]:
-    """Return the rows of each vector equation, as scalar equations; one without a matrix is its only row.
+    """Return the rows of each vector equation as scalar equations. An equation without a matrix is its only row.
 
-    Equations are lists of tokens. An equation between a name and a matrix defines the name for the other equations,
-    and has no rows. An unknown name after the name of a matrix, as in M q, is the column of all coordinates. Raises
+    Equations are lists of tokens. An equation between a name and a matrix defines the name for the other equations, and
+    has no rows. An unknown name after the name of a matrix, as q in M q, is the column of all coordinates. Raises
     TypedFault for matrices that do not fit.
     """
     named: dict[tuple[str, ...], Matrix] = {}
@@ -43,7 +43,7 @@ def rows_of(equations: Sequence[Sequence[Token]], names: Names) -> list[list[Seq
 
 
 def _defines(tokens: Sequence[Token]) -> bool:
-    """Return True for an equation between one matrix and its name, such as M or M(q)."""
+    """Return True for an equation between a name, such as M or M(q), and one matrix."""
     matrices = [i for i, token in enumerate(tokens) if token.is_sign(MATRIX)]
     if len(matrices) != 1 or not tokens[-1].is_sign(MATRIX_END):
         return False
@@ -54,7 +54,7 @@ def _defines(tokens: Sequence[Token]) -> bool:
 
 
 def _matrix(tokens: Sequence[Token], start: int) -> tuple[Matrix, int]:
-    """Return the matrix that begins at index `start`, and the next index. Raises TypedFault for an empty entry."""
+    """Return the matrix that begins at index `start`, and the index after it. Raises TypedFault for an empty entry."""
     matrix: Matrix = [[[]]]
     for i in range(start + 1, len(tokens)):
         if tokens[i].is_sign(ROW):
@@ -127,7 +127,7 @@ def _rows(tokens: Sequence[Token]) -> list[Sequence[Token]]:
 
 
 def _column(factors: Sequence[Matrix], begin: Token) -> list[list[Token]]:
-    """Return the entries of `factors`: a column, or a product of matrices with a column. Raises TypedFault otherwise.
+    """Return the entries of a column, or of a product of matrices with a column. Raises TypedFault for other `factors`.
 
     `begin` is the token at which the fault is located.
     """
@@ -155,8 +155,8 @@ def _sum(terms: Sequence[list[Token]]) -> list[Token]:
 def without_bars(equations: Sequence[Sequence[Token]], names: Names) -> list[list[Token]]:
     """Return equations with the lengths |r|, |v|, |r1 - r2| of vectors written out in Cartesian coordinates.
 
-    |r| is r if an equation defines r or |r|. Else the coordinates must be x and y, and perhaps z, with the subscript
-    of r.
+    |r| is r if an equation defines r or |r|. Otherwise the coordinates must be x and y, and possibly z, with the
+    subscript of r.
     """
     defined = {word for tokens in equations for word in _lone_words(tokens)}
     results = []
@@ -178,7 +178,7 @@ def without_bars(equations: Sequence[Sequence[Token]], names: Names) -> list[lis
 
 
 def _lone_words(tokens: Sequence[Token]) -> Iterator[str]:
-    """Yield the word of each side of an equation that is one word, such as r or |r|."""
+    """Yield the word of each side of an equation that is a single word, such as r or |r|."""
     for equal, side in groupby(tokens, lambda token: token.is_sign("=")):
         words = [token for token in side if not token.is_sign("|")]
         if not equal and len(words) == 1 and words[0].kind == "word" and not (words[0].order or words[0].primes):
@@ -186,7 +186,7 @@ def _lone_words(tokens: Sequence[Token]) -> Iterator[str]:
 
 
 def _length(vector: Sequence[Token], names: Names) -> list[Token]:
-    """Return the length of a vector, such as r1 - r2, in Cartesian coordinates; [] if it has no coordinates."""
+    """Return the length of a vector, such as r1 - r2, in Cartesian coordinates. Return [] without such coordinates."""
     squares: list[Token] = []
     for axis in "xyz":
         part: list[Token] = []

@@ -1,4 +1,4 @@
-"""Symbols of a system as people type them: m_1 for m1, θ̈₁ or thetaddot1 for theta1_ddot, and mgl for m*g*l."""
+"""Find the symbols of a system in typed words: m_1 is m1, θ̈₁ and thetaddot1 are theta1_ddot, and mgl is m*g*l."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from lagrange.statement.typed.tokens import Token
 from lagrange.statement.vocabulary.functions import ALIASES, FUNCTION_NAMES
 from lagrange.statement.vocabulary.letters import GREEK
 
-RATES = ("", "_dot", "_ddot")  # Endings of a coordinate, its velocity and its acceleration in the strict notation
+RATES = ("", "_dot", "_ddot")  # Suffixes of a coordinate, its velocity and its acceleration in the strict notation
 
-# Endings that people type in place of those in `RATES`, by the order of the derivative, without underscores
+# Suffixes that people type in place of those in `RATES`, by the order of the derivative, without underscores
 SPELLINGS = (("",), ("dot",), ("ddot", "dotdot", "doubledot"))
-LONGEST_SPLIT = 64  # Most characters of a word that is taken for a product of several symbols
-MOST_SPLITS = 4  # Most products that one word may mean; each is tried
-SIMILAR = 0.8  # Least similarity, from 0 to 1, of a name that a hint offers
-SHORTEST_HINT = 4  # Least number of characters of a name that a hint offers
+LONGEST_SPLIT = 64  # Largest number of characters of a word that is tried as a product of several symbols
+MOST_SPLITS = 4  # Largest number of products that one word may mean. Each is tried.
+SIMILAR = 0.8  # Least similarity, from 0 to 1, of a name that a hint suggests
+SHORTEST_HINT = 4  # Least number of characters of a name that a hint suggests
 
 FUNCTION_SPELLINGS = {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "sgn": "sign"}
 FUNCTION_SPELLINGS |= {"sen": "sin", "arcsen": "asin", "arctg": "atan"}
 FUNCTION_SPELLINGS |= {name.capitalize(): name for name in ("sin", "cos", "tan", "cot", "sqrt", "exp")}
-"""Other names of functions that people type, and their strict names."""
+"""Other names of functions that people type, with the names in the strict notation."""
 
 
 _LENGTH, _AXIS = re.compile(r"l_?[0-9]*"), re.compile(r"[xyz]_?[0-9]*")
@@ -32,12 +32,11 @@ _DERIVATIVE = re.compile(r"_?(?:d?dot)+$")
 
 @dataclass(frozen=True)
 class Piece:
-    """One symbol or function within a word, with its strict name: that of scene files.
+    """Symbol or function within a typed word, with its name in the strict notation of scene files.
 
-    `kind` is "symbol", "function", "e" (Euler's number), "pi" or "condition". If the symbol is a derivative of a
-    coordinate or given function, `base` is that function and `order` the order of the derivative. For other symbols
-    `base` is "".
-    `moves` is true if the symbol changes in time.
+    `kind` is "symbol", "function", "e" (Euler's number), "pi" or "condition". If the symbol is a coordinate, a given
+    function, or a derivative of one, `base` is this function and `order` the order of the derivative. For other symbols
+    `base` is "". `moves` is true if the symbol changes in time.
     """
 
     name: str
@@ -48,11 +47,11 @@ class Piece:
 
 
 class Names:
-    """The symbols of one system, by all accepted spellings.
+    """Symbols of one system, by all accepted spellings.
 
-    `names` are the strict names, those of scene files; for a coordinate or given function X they include X_dot.
-    `others` maps other spellings of a multiplier or of a rate of a rotation to its strict name. `defined` are the names
-    that the answer defines.
+    `names` are the names in the strict notation of scene files. For a coordinate or given function X they include
+    X_dot. `others` maps other spellings of a multiplier or of a rate of a rotation to its strict name. `defined` are
+    the names that the answer defines.
     """
 
     def __init__(self, names: Iterable[str], others: Mapping[str, str], defined: Collection[str] = ()) -> None:
@@ -68,7 +67,7 @@ class Names:
         short = [letter for letter in "dp" if letter not in self.exact]
         twice = [letter for letter in "dD" if not {letter, f"{letter}2"} & self.exact.keys()]
         for spelling, name in [*self._usual(defined), *zip(self.bases, self.bases, strict=True), *others.items()]:
-            joined = spelling not in defined  # dV/dx is not a quotient of rates
+            joined = spelling not in defined  # False for a name of the answer: dV/dx is not a quotient of rates
             for order in range(len(RATES)):
                 piece = self.derivative(self.exact[name], order) if order else self.exact[name]
                 if piece is not None:
@@ -80,15 +79,15 @@ class Names:
         self.words |= {name: Piece(strict, "function") for name, strict in FUNCTION_SPELLINGS.items()}
         self.words |= {"Piecewise": Piece("Piecewise", "function"), "True": Piece("True", "condition")}
         self.words |= {"pi": Piece("pi", "pi"), "t": Piece("t", moves=True), "e": Piece("e", "e")}
-        # Symbols of factors within a word. The letter e is left out, since too many words contain it.
+        # Symbols that may be factors within a word. The letter e is left out, since too many words contain it.
         self._factors = {key: piece for key, piece in self.words.items() if piece.kind != "e"} | self.spellings
         self._readings: dict[str, list[list[Piece]]] = {}
 
     def _usual(self, defined: Collection[str]) -> Iterator[tuple[str, str]]:
         """Yield (spelling, strict name) for spellings of textbooks: ell for l, v_x and a_x for the derivatives of x.
 
-        A Greek coordinate may have a capital letter. With a parameter v the word vx is a product; with a v among
-        `defined`, the names of the answer, it is not.
+        A Greek coordinate may have a capital letter. If v is a parameter, the word vx is a product. If v is one of the
+        names `defined` in the answer, vx is not a product.
         """
         for name in self.names:
             if _LENGTH.fullmatch(name) and "ell" not in self.names:
@@ -102,7 +101,10 @@ class Names:
                 yield from (pair for pair in pairs if pair[1] in self.exact)
 
     def readings(self, word: str) -> list[list[Piece]]:
-        """Return the readings of a word, the likeliest first: lists of one symbol, or of the factors of a product."""
+        """Return the readings of a word, the likeliest first.
+
+        A reading is a list of one symbol, or of the factors of a product.
+        """
         if word not in self._readings:
             spelled = "".join(GREEK.get(mark, mark) for mark in word)
             whole = self.exact.get(word) or self.exact.get(spelled)
@@ -115,8 +117,8 @@ class Names:
         """Return the products of known symbols whose joined names are the word. Products of fewer factors come first.
 
         Of products with equal numbers of factors, the one with the longer first name comes first. No factor begins with
-        a digit or a subscript: m_g is not the product of m and g. No derivative precedes the time: theta_dott is an
-        error of typing.
+        a digit or a subscript: m_g is not the product of m and g. The time does not follow a derivative: theta_dott is
+        a typing error.
         """
         key = canonical(word)
         subscripts = {len(canonical(word[:i])) for i, mark in enumerate(word) if mark == "_"}
@@ -136,23 +138,23 @@ class Names:
         return best[0]
 
     def order(self, tokens: Sequence[Token]) -> int:
-        """Return the highest order of time derivatives in a formula; d/dt of an expression counts as order 2."""
+        """Return the highest order of time derivatives in a formula. A d/dt of an expression counts as order 2."""
         orders = [2 if token.kind in ("rate", "operator") else max(token.order, token.primes) for token in tokens]
         words = (reading for token in tokens if token.kind == "word" for reading in self.readings(token.text))
         return max([*orders, *(piece.order for reading in words for piece in reading)], default=0)
 
     def derivative(self, piece: Piece, order: int) -> Piece | None:
-        """Return the derivative of order `order` of a coordinate or given function, None if there is none."""
+        """Return the derivative of order `order` of a coordinate or given function. Return None if there is none."""
         total = piece.order + order
         if not piece.base or total >= len(RATES):
             return None
         return self.exact.get(piece.base + RATES[total])
 
     def hint(self, word: str) -> str:
-        """Return a sentence on the likely meaning of an unknown word, "" if there is none.
+        """Return a sentence on the likely meaning of an unknown word, or "".
 
-        It suggests only coordinates and parameters, no derivatives. It suggests no short name, since a word that begins
-        with a short name may be a product.
+        It suggests only coordinates and parameters, not derivatives. It suggests no short name, since a word that
+        begins with a short name may be a product.
         """
         power = re.fullmatch(r"([A-Za-z]+)([2-9])", word)
         if power and self.readings(power.group(1)):
@@ -163,15 +165,15 @@ class Names:
 
 
 def canonical(name: str) -> str:
-    """Return a name without underscores and with Greek letters spelled out, the same for theta_1, θ₁ and theta1."""
+    """Return a name without underscores and with Greek letters spelled out: theta1 for theta_1, θ₁ and theta1."""
     return "".join(GREEK.get(mark, mark) for mark in name if mark != "_" and mark not in "[] ")
 
 
 def _spellings(base: str, order: int, short: Iterable[str], twice: Iterable[str], *, joined: bool) -> list[str]:
-    """Return the spellings of the derivative `order` of a coordinate `base`, without underscores: theta1dot, thetadot1.
+    """Return spellings of the derivative `order` of a coordinate `base`, without underscores: theta1dot, thetadot1.
 
-    `short` are letters that mean a derivative, as in theta1d and theta1p, and `twice` those that mean a second one, as
-    in D2theta1. If `joined` is true, dtheta1 is a derivative as well.
+    `short` are letters that mean a derivative, as in theta1d and theta1p. `twice` are letters that mean a second one,
+    as in D2theta1. If `joined` is true, dtheta1 is a derivative as well.
     """
     endings = [*SPELLINGS[order], *(letter * order for letter in short)]
     key = canonical(base)

@@ -1,4 +1,4 @@
-"""Reader of equations as people type them: plain, with primes or dots, in Unicode or LaTeX, over several lines.
+"""Read equations as people type them: plain, with primes or dots, in Unicode or LaTeX, over several lines.
 
 The text becomes the strict notation of scene files, and only `scene.expressions` builds expressions from it. So limits
 on length, depth and work apply, and no code is run.
@@ -31,40 +31,40 @@ from lagrange.statement.typed.tokens import Token, bracketed, tokens_of
 from lagrange.statement.vocabulary.letters import GREEK, WORD
 
 _HTML = re.compile(r"\s*<(?:!doctype|html)\b", re.IGNORECASE)
-LONGEST_TEXT = 8_000  # Most characters of one equation: the longest that the package prints for its scenes has 2,517
-LONGEST_ANSWER = 60_000  # Most characters of a text with equations
-_VALUE = sympy.Dummy("value", real=True)  # A name that is defined, or its square
+LONGEST_TEXT = 8_000  # Largest number of characters of one equation; the longest one of a scene has 2,517
+LONGEST_ANSWER = 60_000  # Largest number of characters of a text with equations
+_VALUE = sympy.Dummy("value", real=True)  # Symbol for a name that is defined, or for its square
 
-# Words with marks that mean derivatives in formulas: Newton's, für
+# Matches words with marks that mean derivatives in formulas: Newton's, für
 _OF_SENTENCES = re.compile(r"[^\W\d_]+['’]s\b|[^\W\d_]*[äöüÄÖÜ][^\W\d_]*")
-# A name that is not a symbol and may be a factor of both sides of an equation
+# Matches a name that is not a symbol of the system, but may be a factor of both sides of an equation
 _FREE = re.compile(rf"[A-Za-z](?:_?[0-9A-Z]|_[a-z])?|{'|'.join(GREEK.values())}")
 MOST_FREE = 3  # Largest number of names in one equation that may be factors of both sides
-EQUAL = 1e-20  # Largest difference of equal numbers of 30 digits, relative to these or to 1
+EQUAL = 1e-20  # Largest difference of equal numbers of 30 digits, relative to the numbers or to 1
 
-# Words and signs on a line with an equation for small motions
+# Matches words and signs on the line of an equation for small motions
 _SMALL = re.compile(r"\bsmall\b|\bkleine?[nr]?\b|\blineari[sz]|≈|\\approx", re.IGNORECASE)
-# The name H of a force or a Hamiltonian: a bracket after H would make it Heaviside's function
+# Matches the name H of a force or a Hamiltonian. With a bracket after it, H is Heaviside's function.
 _NAME_H = re.compile(r"(?<!\w)H(?!\w|\}?\s*\()")
 _NAMED_MATRIX = re.compile(rf"(?<!\w)([A-Z])\s*&?=\s*{MATRIX}")
-# A list or a vector: commas without a sign =, commas in brackets after it, or a unit vector
+# Matches a list or a vector: commas without a sign =, commas in brackets after it, or a unit vector
 _LIST = re.compile(r"[^=]*,[^=]*|[^=]*=\s*[(\[][^=]*,[^=]*[)\]]\s*|.*(?:\\hat(?![A-Za-z]).*|\^)")
-# Words before an equation that holds at rest only
+# Matches words before an equation that holds only at rest
 _STILL = re.compile(r"\b(?:equilibri|stationary|static|gleichgewicht|ruhelage)", re.IGNORECASE)
-# Replacements of these marks, of the same length. The apostrophe of a word becomes a letter that looks like one.
+# Replacements of these marks, of the same length. The apostrophe of a word becomes a letter that is similar to it.
 _ACCENTS = str.maketrans("äöüÄÖÜ'’", "aouAOU\u02bc\u02bc")
-MOST_CHAINED = 4  # Most definitions of which each uses the one on the line after it
-MOST_DEFINED = 40  # Most equations of one text that are tried as definitions
-MOST_EQUATIONS = 1_000  # Most equations of one text
-MOST_TOLD = 20  # Most faults that are written as sentences; fewer fit into a message
-LONGEST_REFUSAL = 360  # Most characters of the faults in a message; with the count of the others it stays below 400
+MOST_CHAINED = 4  # Largest number of definitions of which each uses the one on the next line
+MOST_DEFINED = 40  # Largest number of equations of one text that are tried as definitions
+MOST_EQUATIONS = 1_000  # Largest number of equations of one text
+MOST_TOLD = 20  # Largest number of faults that are written as sentences. Fewer fit into a message.
+LONGEST_REFUSAL = 360  # Largest number of characters of the faults in a message, which then has less than 400
 READ_SO_FAR = " Before the first fault it is read as {}."  # Sentence on the part of an equation before its first fault
-LONGEST_SYMBOLS = 120  # Most characters of the list of symbols at the end of a message
+LONGEST_SYMBOLS = 120  # Largest number of characters of the list of symbols in a message
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One reading of a typed equation: `zero`, its left minus its right side, and `right`, its right side.
+    """One reading of a typed equation. `zero` is its left minus its right side, and `right` its right side.
 
     `read` is the equation as it was understood, in the strict notation and with both sides. `differentiated` are the
     expressions whose time derivative was typed, as in d/dt(m x'), or as dp/dt with p = m x'. `terms` are the other
@@ -88,7 +88,7 @@ class Reading:
 
 
 class TypedReader:
-    """Reads typed equations in the symbols of one system.
+    """Reader of typed equations in the symbols of one system.
 
     `symbols` maps strict names to SymPy expressions: q, q_dot and q_ddot of each coordinate, parameters, given
     functions and multipliers. `others` maps other spellings of multipliers and rates to strict names. `meanings` maps
@@ -109,7 +109,7 @@ class TypedReader:
         self.momenta = {symbol.name for symbol, x in self.meanings.items() if x.free_symbols & velocities}
 
     def _clauses(self, text: str, what: str) -> tuple[TypedReader, list[Clause]]:
-        """Return the equations and remarks of a text as clauses, and a reader that knows the names which it defines.
+        """Return the equations and remarks of a text as clauses, and a reader that knows the names defined in the text.
 
         Clauses that are definitions are left out. `what` is the label of the text in messages.
         """
@@ -147,7 +147,7 @@ class TypedReader:
         return clean, spans
 
     def equations(self, text: str, what: str = "") -> list[Reading]:
-        """Return the likeliest reading of each equation of a text; none if it has only comments.
+        """Return the likeliest reading of each equation of a text. The list is empty if the text has only comments.
 
         A line such as r = sqrt(x^2 + y^2) defines a symbol for the other lines. Remarks and values of parameters are
         left out. Raises StatementError with all faults.
@@ -182,9 +182,9 @@ class TypedReader:
     def _is_left_out(self, clause: Clause, narrow: tuple[int, int], *, moves: bool) -> bool:
         """Return True if a clause that cannot be read may be ignored.
 
-        It is then a remark, a general law such as Lagrange's formula, or it has unknown names only. `narrow` is the
-        span (begin, end) of the equation in the clause, without words around it. `moves` is true if the equation has
-        an acceleration.
+        Such a clause is a remark, a general law such as Lagrange's formula, or an equation with unknown names only.
+        `narrow` is the span (begin, end) of the equation in the clause, without words around it. `moves` is true if the
+        equation has an acceleration.
         """
         words = [side for side in clause.part(*narrow).sides() if any(token.kind == "word" for token in side)]
         foreign = [self._is_foreign(side) for side in words]
@@ -202,13 +202,13 @@ class TypedReader:
         return {canonical(word) for word in words if not reader.names.readings(word)}
 
     def _clause(self, text: str, begin: int, end: int) -> Clause:
-        """Return text[begin:end] as a clause, with its tokens."""
+        """Return text[begin:end] as a clause with its tokens."""
         return Clause(text, begin, end, tuple(tokens_of(text, begin, end)), self.names)
 
     def _with_plain_names(self, clause: Clause) -> Clause:
         """Return a clause without the (t) after names that are not symbols, such as F(t).
 
-        H(x) becomes heaviside(x), unless H is a name elsewhere in the text. Kq becomes K q for a matrix K.
+        H(x) becomes heaviside(x), unless H is a name elsewhere in the text. Kq becomes K q if K is a matrix.
         """
         tokens, named, after = list[Token](), bool(_NAME_H.search(clause.text)), 0
         matrices = {match.group(1) for match in _NAMED_MATRIX.finditer(clause.text)}
@@ -257,7 +257,7 @@ class TypedReader:
     def _readings(self, clause: Clause, begin: int, end: int) -> list[tuple[Reading, ...]]:
         """Return the readings of each equation of a clause; a = b = c is two equations. Raises TypedFault.
 
-        If the clause cannot be read as a whole, text[begin:end] is read.
+        If the clause cannot be read as a whole, only its part text[begin:end] is read.
         """
         try:
             return [self._readings_of(sides, clause.begin) for sides in self._equated(clause)]
@@ -292,7 +292,7 @@ class TypedReader:
         return tuple(readings)
 
     def _without_free_names(self, sides: Sequence[Sequence[Token]], begin: int) -> tuple[Reading, ...]:
-        """Return the readings of an equation after division by unknown names that are factors of both sides; else ().
+        """Return the readings of an equation divided by unknown names that are factors of both sides, or ().
 
         Example: the radius R of a pulley is such a name in (T1 - T2) R = 1/2 M R^2 x''/R.
         """
@@ -333,10 +333,10 @@ class TypedReader:
         return " = ".join(read)
 
     def _with_definitions(self, clauses: Sequence[Clause]) -> tuple[TypedReader, list[Clause]]:
-        """Return a reader that knows the names which clauses define, as r = sqrt(x^2 + y^2), and the other clauses.
+        """Return a reader that knows the names defined in clauses, as in r = sqrt(x^2 + y^2), and the other clauses.
 
         A definition may use a name that is defined later. A name that no other clause contains is not defined. If a
-        definition also states that a value is constant, as h = r^2 phi' = const or r^2 phi' = h, that clause remains.
+        definition also states that a value is constant, as h = r^2 phi' = const or r^2 phi' = h, its clause remains.
         """
         reader, left, uses, tries = self, dict(enumerate(clauses)), Uses(clauses), 0
         for k in [*left] * MOST_CHAINED:
@@ -352,7 +352,7 @@ class TypedReader:
         return reader, [replace(clause, names=reader.names) for _, clause in sorted(left.items())]
 
     def _defined(self, definition: Definition) -> dict[Any, Any]:
-        """Return {symbol: value} of a definition, {} if no value is found.
+        """Return {symbol: value} of a definition, or {} if no value is found.
 
         If the value changes in time, the result also has the symbols of its first and second time derivatives.
         """
@@ -378,10 +378,10 @@ class TypedReader:
     def _equated(self, clause: Clause) -> list[list[list[Token]]]:
         """Return the equations that a clause states, each as a list of sides. Raises TypedFault.
 
-        A side is a list of tokens. The chain a = b = c states a = b and a = c. A side of a chain is left out if all
-        its names are unknown, such as p in p = m x' = const. A side between two others, such as F/m, is left out if
-        one of its names is unknown. If a side equals "const", or if a side with velocities equals an unknown name,
-        the equation states that the time derivative of that side is zero.
+        A side is a list of tokens. The chain a = b = c states a = b and a = c. A side of a chain is left out if all its
+        names are unknown, such as p in p = m x' = const. A side between two others, such as F/m, is left out if one of
+        its names is unknown. If a side equals "const", or if a side with velocities equals an unknown name, the
+        equation states that the time derivative of that side is zero.
         """
         sides, begin = clause.sides(), clause.begin
         offsets = [token.begin for token in clause.tokens if token.is_sign("=")]
@@ -405,9 +405,9 @@ class TypedReader:
         return [[sides[0], side] for side in sides[1:]] or [sides]
 
     def _is_foreign(self, side: Sequence[Token], *, between: bool = False) -> bool:
-        """Return True if one side of an equation has unknown names, no known ones, and no fault of another kind.
+        """Return True if one side of an equation has unknown names, no known names, and no fault of another kind.
 
-        If the side is `between` two others, it may also have known names.
+        If `between` is true, the side is between two others, and may also have known names.
         """
         faults = faults_of(side, self.names)
         words = sum(token.kind == "word" for token in side)
@@ -456,7 +456,7 @@ class TypedReader:
         return Reading(left - right, right, shown, tuple(differentiated), tuple(terms), self.meanings)
 
     def differentiated(self, expression: Any, order: int) -> Any:
-        """Return the time derivative of an expression along the motion, of order `order`.
+        """Return the time derivative of order `order` of an expression along the motion.
 
         Raises SceneError if a symbol, such as an acceleration, has no derivative in the equations.
         """
@@ -476,7 +476,7 @@ class TypedReader:
     def _refusal(self, text: str, faults: Sequence[TypedFault], what: str) -> str:
         """Return the error message for a text: its faults with their places, then the symbols of the system.
 
-        As many faults as fit are listed. `what` is the label of the text.
+        The message has as many faults as fit into it. `what` is the label of the text.
         """
         pieces = (piece for word in WORD.findall(text) for reading in self.names.readings(word) for piece in reading)
         if not any(piece.kind == "symbol" and piece.name != "t" for piece in pieces):
@@ -503,7 +503,7 @@ class TypedReader:
         return f"such as {[*self.names.bases, *self.names.names][0]}'' = ... The symbols are {self._symbols()}."
 
     def _symbols(self) -> str:
-        """Return the names of the system's symbols, listed in one text for a message."""
+        """Return the names of the system's symbols, listed as text for a message."""
         names = listing(name for name in self.symbols if not name.endswith(("_dot", "_ddot")))
         if len(names) > LONGEST_SYMBOLS:
             names = names[:LONGEST_SYMBOLS].rsplit(",", 1)[0] + " and others"
@@ -513,9 +513,9 @@ class TypedReader:
 
 
 def _is_factor(symbol: Any, expression: Any) -> bool:
-    """Return True if an expression is a power of a symbol times a factor without the symbol, or zero.
+    """Return True if an expression is zero, or a power of a symbol times a factor without the symbol.
 
-    Tested at two random points.
+    This is tested at two random points.
     """
     others = sorted(expression.free_symbols - {symbol}, key=str)
     dice, values = random.Random(1), list[Any]()

@@ -1,4 +1,4 @@
-r"""Words in an answer outside of its equations: remarks, units, clauses that do not describe the motion, definitions.
+"""Sort the words of a typed answer outside of its equations: remarks, units, definitions, clauses not about the motion.
 
 A part of an equation is left out only if it is set apart: prose in brackets, prose after a comma or similar, and words
 before the equation that end with a connecting word. Any other word that is not a symbol is a fault. A clause without an
@@ -21,7 +21,7 @@ from lagrange.statement.typed.tokens import Token
 from lagrange.statement.vocabulary.letters import GREEK
 
 _ASIDES = "where|with|for|if|when|since|because|as|here|assuming|provided|using|wobei|mit|fur|wenn|falls|weil|da"
-# Words that may stand directly before an equation
+# Words that may precede an equation directly
 _CONNECTING = re.compile(
     "so|thus|hence|therefore|then|and|or|are|gives|yields|get|obtain|find|is|be|that|reads|becomes|follows|which|finally|"
     "answer|solution|result|eom|also|und|oder|somit|daher|damit|dann|folgt|gilt|ist|lautet|ergibt|sich|antwort|"
@@ -29,31 +29,31 @@ _CONNECTING = re.compile(
 )
 # Words that are read as signs of operations
 OPERATIONS = {"plus": "+", "minus": "-", "times": "*", "mal": "*", "over": "/", "durch": "/"}
-_UNREAD = ("squared", "divided", "geteilt", "multiplied")  # Words for operations that are not read
+_UNREAD = ("squared", "divided", "geteilt", "multiplied")  # Words for operations that are refused
 
-# Words that may not precede an equation, unless a comma and a connecting word follow
+# Words before which an equation is not read, unless a comma and a connecting word follow
 _NEGATIONS = ("not", "nicht", "no", "kein", "keine", "wrong", "falsch")
 _AFTER_COMMA = re.compile(rf"[^=,;.]*[,;.]\s*(?:{_CONNECTING.pattern})\b")
 
-# Words without a meaning of their own, so that they do not make prose out of symbols
+# Short words that may occur between symbols, which they do not make prose
 _JOINING = ("and", "or", "und", "oder", "by", "per", "pro", "of")
 # Words with which prose after an equation may begin
 _ENDING = (*_JOINING, "is", "be", "we", "this", "it", "ist", "sei", "wir", "das", "dies", "es")
 _ARROW = re.compile(rf"{CONSEQUENCE}|(?:[,;]\s*[\w()-]+(?:[ \t][\w()-]+)?\s*)?:")
 _ASIDE = re.compile(rf"(?<!\\)\b(?:{_ASIDES})\b", re.IGNORECASE)
 _UNIT = r"(?:rad|degrees|deg|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
-# Without the possessive *+ the time is exponential in the length of a text such as "3 g- 3 g- 3 g- ...".
+# The quantifier *+ must be possessive. Otherwise the time is exponential in the length of a text "3 g- 3 g- 3 g- ...".
 _UNITS = rf"{_UNIT}(?:\s?[*/·.]?\s?(?:{_UNIT}|[\^²³⁻¹\-0-9]))*+"
 _UNITS_ALONE = re.compile(rf"\s*(?:{_UNITS}|\w+\s+in\s+{_UNITS}(?:,\s*\w+\s+in\s+{_UNITS})*)[\s.]*")
 _NUMBER_AT_END = re.compile(rf"=\s*[-+]?[0-9][0-9.,]*(?:\s*[*·×]\s*10\s*\^?\s*[-0-9]+)?\s*(?:{_UNITS})?[\s.]*$")
 _ALWAYS = r"(?:\b(?:for|fur)\s+)?\b(?:all|any|every|alle)\s+(?:times?|zeiten|t)|∀\s?t"
-# Words at the end of an equation that say nothing: Q.E.D., for all times
+# Matches words at the end of an equation without a meaning for it: Q.E.D., for all times
 _PROVEN = re.compile(rf"(?:\bq\.?\s?e\.?\s?d|\bw\.?\s?z\.?\s?b\.?\s?w|{_ALWAYS})[.)\s]*$", re.IGNORECASE)
 _MARK = re.compile(rf"[,;!←]|\.\s|//|<?--|<-|\u2014|\\q?quad(?![A-Za-z])|[ \t]{{2,}}|{_ASIDE.pattern}", re.IGNORECASE)
 _BRACKET = re.compile(r"(?<!\S)[(\[]([^()\[\]{}=]*)[)\]]")
-# Signs of formulas. A hyphen in a word is not one.
+# Matches signs of formulas. A hyphen in a word is not one.
 _SIGNS = re.compile(r"[=^|\\+*/−·]|-(?![^\W\d_])|(?<![^\W\d_])-")
-# A remark such as "dividing both by m"
+# Matches a remark such as "dividing both by m"
 _DIVISION = re.compile(r"\s*(?:after\s+)?divid(?:ed|ing)\s(?:\w+\s)?by\s[^=+]*", re.IGNORECASE)
 _INEQUALITY = re.compile(r"(?<![-=<])[<>](?![=>])|[<>]=|[≤≥]|\\(?:[lg]eq?|[lg]t)(?![A-Za-z])")
 _NEVER = re.compile(r"[=^|\\]")
@@ -61,7 +61,7 @@ _LAGRANGE = re.compile(r"(?:∂|\\partial)\s*[LTVU]\b|\bd[LTVU]\b")
 _STATEMENT = re.compile(r"(?<!\S)[(\[](?=[^()\[\]=]*=)")
 _STATEMENT_END = re.compile(r"(?<!\S)[(\[][^()\[\]=]*=[^()\[\]]*([)\]]\s*[,;])")
 _DEFINED = re.compile(r"[\s(]*\\?[^\W\d_][\w{}\\]*\s*(?:\^2|\*\*2|²|\([^()=]*\))?\s*=")
-# The definition of the Lagrangian, L = T - V
+# Matches the definition of the Lagrangian, L = T - V
 _ENERGIES = re.compile(r"=\s*[TK]\s*[-\u2212]\s*[VU]\s*(?:=|$)")
 _AT_START = re.compile(r"\s*\w+['’]*\s*\(\s*0\s*\)\s*")
 
@@ -69,15 +69,15 @@ _PUNCTUATION = " \t\r\n.,;"
 
 SYMBOL, FORMULA, NAME, WORD, SHORT = "symbol", "formula", "name", "word", "short"
 """Kinds of words: a symbol or product of the system, also misspelled; a function or derivative; another name such as
-F_x; a word of a sentence; a word of a sentence that does not make prose out of symbols."""
+F_x; a word of a sentence; a short word that does not make prose out of symbols."""
 
 
 def kind_of(text: str) -> str:
     """Return the kind of a word that is not a symbol of the system.
 
-    It is `FORMULA` for a function or derivative, `NAME` for another name such as F_x or Omega, `WORD` for a word of
-    a sentence, and `SHORT` for a word of at most two letters, or one such as "and", which may stand among symbols
-    without making them prose.
+    It is `FORMULA` for a function or derivative, `NAME` for another name such as F_x or Omega, and `WORD` for a word of
+    a sentence. It is `SHORT` for a word of at most two letters and for words such as "and", which may occur among
+    symbols without making them prose.
     """
     lower = text.lower()
     if lower in (*OPERATIONS, *_UNREAD):
@@ -92,9 +92,9 @@ def kind_of(text: str) -> str:
 
 @dataclass(frozen=True)
 class Clause:
-    """A part text[begin:end] of an answer (typed equations and remarks) with its tokens.
+    """Part text[begin:end] of an answer, which consists of typed equations and remarks, with its tokens.
 
-    Derivatives in the tokens have one form for all notations. `names` are the symbols of the system. `aside` is true
+    In the tokens derivatives have one form for all notations. `names` are the symbols of the system. `aside` is true
     after words such as "where" and "with". `constant` is true if the part states that its value is constant.
     """
 
@@ -113,7 +113,7 @@ class Clause:
 
     @cached_property
     def words(self) -> tuple[Token, ...]:
-        """The words of the clause as tokens, each with its kind, such as NAME or WORD."""
+        """Words of the clause as tokens, with kinds such as NAME or WORD."""
         words = []
         for token in (token for token in self.tokens if token.kind == "word"):
             pieces = next(iter(self.names.readings(token.text)), [])
@@ -127,12 +127,12 @@ class Clause:
         return tuple(words)
 
     def part(self, begin: int, end: int, *, aside: bool = False) -> Clause:
-        """Return text[begin:end] of this clause as a clause; `aside` is true for a remark beside an equation."""
+        """Return text[begin:end] of this clause as a clause. `aside` is true for a remark beside an equation."""
         tokens = tuple(token for token in self.tokens if begin <= token.begin < end)
         return Clause(self.text, begin, end, tokens, self.names, aside)
 
     def formula(self) -> list[Token]:
-        """Return the tokens of the clause. Signs replace words for operations, unless such a word is a symbol."""
+        """Return the tokens of the clause, with signs in place of words for operations that are not symbols."""
         return [
             replace(token, kind="sign", text=OPERATIONS[token.text])
             if token.text in OPERATIONS and token.kind == "word" and not self.names.readings(token.text)
@@ -141,7 +141,7 @@ class Clause:
         ]
 
     def sides(self) -> list[list[Token]]:
-        """Return the sides of the equation in the clause, each as the list of its tokens."""
+        """Return the sides of the equation in the clause. Each is a list of tokens."""
         sides: list[list[Token]] = [[]]
         for token in self.formula():
             if token.is_sign("="):
@@ -162,12 +162,12 @@ class Clause:
     def clauses(self) -> list[Clause]:
         """Return the clauses into which this line is divided.
 
-        It is divided at arrows and colons, before brackets with an equation, and at words such as "where" between two
-        signs of equality. A word that is a symbol of the system does not divide it.
+        The line is divided at arrows and colons, before brackets with an equation, and at words such as "where" between
+        two signs of equality. A word that is a symbol of the system does not divide it.
         """
         text, begin, end = self.text, self.begin, self.end
         asides = [match for match in _ASIDE.finditer(text, begin, end) if "=" in text[match.end() : end]]
-        # Spans between two clauses, and True if the second is a remark beside the first
+        # Spans between two clauses, and True if the second clause is a remark beside the first
         cuts = [(match.span(), False) for match in _ARROW.finditer(text, begin, end)]
         cuts += [(match.span(), True) for match in asides if not self.names.readings(match.group())]
         cuts += [(match.span(), True) for match in _STATEMENT.finditer(text, begin, end)]
@@ -204,9 +204,9 @@ class Clause:
         return self.part(begin, end, aside=aside)
 
     def equation(self, *, moves: bool) -> tuple[int, int]:
-        """Return the span of the equation in this clause, without the words before it and the remarks after it.
+        """Return the span (begin, end) of the equation in this clause, without words before it and remarks after it.
 
-        If the equation has an acceleration, `moves` is true. Then words before it are left out only if they end with a
+        `moves` is true if the equation has an acceleration. Then words before it are left out only if they end with a
         connecting word, or if they are more than two.
         """
         begin, end = self._after_words(moves=moves), self._before_remarks()
@@ -218,7 +218,7 @@ class Clause:
         if last and not self.text[last[0].end : end].strip(_PUNCTUATION):
             end = last[0].begin
         if self.text[begin:end].lstrip().startswith(("=", "*", "/", "^") if introduced else ("=", "+", "*", "/", "^")):
-            begin = self.begin  # the words before a sign are a part of the equation
+            begin = self.begin  # Words before a sign are part of the equation
         while end > begin and self.text[end - 1] in _PUNCTUATION:
             end -= 1
         while end > begin and self.text[begin] in _PUNCTUATION:
@@ -226,7 +226,7 @@ class Clause:
         return begin, end
 
     def _after_words(self, *, moves: bool) -> int:
-        """Return the offset after the words before the equation; `moves` is true if it has an acceleration."""
+        """Return the offset of the equation after the words before it. `moves` is true if it has an acceleration."""
         run = self._introduction()
         sure = not moves or [word.kind for word in run].count(WORD) > 2
         ends = [word.kind != SYMBOL if sure else self._is_connecting(word) for word in run]
@@ -235,7 +235,7 @@ class Clause:
         return run[cut - 1].end if cut and kinds.count(WORD) >= kinds.count(SYMBOL) else self.begin
 
     def _before_remarks(self) -> int:
-        """Return the offset of the first remark after the equation, or that of the end of the clause."""
+        """Return the offset of the first remark after the equation, or the end of the clause."""
         proven = _PROVEN.search(self.text, self.begin, self.end)
         end = proven.start() if proven else self.end
         end -= bool(proven) and self.text[:end].endswith("(")
@@ -249,8 +249,8 @@ class Clause:
         """Return True if this clause, which has no acceleration and cannot be read, is not about the motion.
 
         It is prose, a sentence, an inequality, or the definition of another quantity such as L = T - V. A word at the
-        beginning makes the clause a sentence. This does not hold for an aside after "where", nor if the clause
-        `introduces` an equation by a colon.
+        beginning makes the clause a sentence, except after "where". If `introduces` is true, the clause ends with a
+        colon before an equation, and only a sentence is a remark.
         """
         run = [word.kind for word in self._introduction()]
         sentence = WORD in run and len(run) - run.count(SYMBOL) > 1
@@ -277,7 +277,7 @@ class Clause:
         return bool(_LAGRANGE.search(self.text, begin, end))
 
     def is_value(self) -> bool:
-        """Return True if the clause states a value: of a parameter, of a coordinate at t = 0, or L = T - V."""
+        """Return True if the clause states a value of a parameter, a value of a coordinate at t = 0, or L = T - V."""
         name, _, _ = self.shown.partition("=")
         if _AT_START.fullmatch(name) or _ENERGIES.search(self.text, self.begin, self.end):
             return True
@@ -288,7 +288,8 @@ class Clause:
     def _introduction(self, first: int = 0) -> Sequence[Token]:
         """Return consecutive words from word number `first` on, between which there are only blanks and punctuation.
 
-        If `first` is 0, the words must begin the clause. A word before a sign of equality is a name.
+        If `first` is 0, the words must begin the clause. A word before a sign of equality is a name, and ends the
+        words.
         """
         offset, run = self.words[first].begin if first else self.begin, list[Token]()
         for word in self.words[first:]:
@@ -301,9 +302,10 @@ class Clause:
         return run
 
     def _prose(self) -> Iterator[tuple[int, int]]:
-        """Yield the spans of prose: three words in a row that are not symbols, or two with a connecting one: "we get".
+        """Yield the spans (begin, end) of prose, such as "we get", at which a line is divided.
 
-        The prose precedes an equation, or it ends the clause and begins with a word such as "and" or "is".
+        Prose is three words in a row that are not symbols, or two if one is connecting. It precedes an equation, or it
+        ends the clause and begins with a word such as "and" or "is".
         """
         for i in range(1, len(self.words)):
             run = [*takewhile(lambda word: word.kind in (WORD, SHORT), self._introduction(i))]
@@ -316,15 +318,15 @@ class Clause:
                     yield run[0].begin, run[-1].end
 
     def _is_unit(self, begin: int, end: int) -> bool:
-        """Return True if text[begin:end] is a unit; at least one of its words is not a symbol of the system."""
+        """Return True if text[begin:end] is a unit, and not all of its words are symbols of the system."""
         unit = _UNITS_ALONE.fullmatch(self.text, begin, end)
         return bool(unit) and any(word.kind != SYMBOL for word in self.words if begin <= word.begin < end)
 
     def _is_apart(self, begin: int, end: int, *, bare: bool = False) -> bool:
         """Return True if text[begin:end] is prose or a unit, which is left out in brackets or after punctuation.
 
-        Prose has at least as many words as symbols and names together. It must have more words if `bare` is true:
-        then it follows "where" without a comma.
+        Prose has at least as many words as symbols and names together. If `bare` is true, it follows "where" without a
+        comma, and must have more words.
         """
         words = [word for word in self.words if begin <= word.begin and word.end <= end]
         kinds = [word.kind for word in words]
@@ -348,21 +350,21 @@ class Clause:
 
 
 _CONSTANT = (["const"], ["constant"], ["konst"])  # Right sides that state that a quantity is constant
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")  # A name that a line may define
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")  # Matches a name that a line may define
 
-# A name of a force such as a tension T1, which two equations may have: one defines it for the other
+# Matches the name of a force such as a tension T1, which one equation may define for another
 _FORCE = re.compile(r"[TNSFHVf](?:_?[0-9A-Za-z])?")
-_LONE = (("",), ("", "2"), ("", "^", "2"))  # Sides that a definition may have: a name, written as "", and its square
+_LONE = (("",), ("", "2"), ("", "^", "2"))  # Sides that are the defined name, written as "", or its square
 
 
 def is_constant(side: Sequence[Token]) -> bool:
-    """Return True if one side of an equation, as tokens, is the word "const"."""
+    """Return True if a side of an equation, a list of tokens, is the word "const"."""
     return [token.text for token in side] in _CONSTANT
 
 
 @dataclass(frozen=True)
 class Definition:
-    """An equation that defines the name `name`: its two sides, of which one may be the name alone.
+    """Equation that defines the name `name`. It has two `sides`, of which one may be the name alone.
 
     `lone` is true if a side is the name or its square, if the name is a force, if the equation has no velocities, or if
     it says that the name is a multiple of a known symbol. If the equation also states that a value is constant,
@@ -380,8 +382,7 @@ class Definition:
 
         A definition has one unknown name, which other clauses contain. If the equation is not `lone`, another clause
         must state the derivative of the name or that it is constant. A word such as Mt in Mt = M + m is also a name if
-        it is a product of symbols.
-        `uses` are the occurrences of unknown names in the answer.
+        it is a product of symbols. `uses` are the occurrences of unknown names in the answer.
         """
         stated, sides = is_constant(clause.sides()[-1]), _defining_sides(clause, uses, names)
         words = [token for side in sides for token in side if token.kind == "word" and not names.readings(token.text)]
@@ -393,11 +394,11 @@ class Definition:
         name = "".join(GREEK.get(mark, mark) for mark in words[0].text)
         changes, shared = uses.changes(canonical(name), clause), uses.contain(canonical(name), clause)
         texts = [tuple("" if token in words else token.text for token in side) for side in sides]
-        alone = [k for k, text in enumerate(texts) if text in _LONE]  # indices of the sides that are the name
+        alone = [k for k, text in enumerate(texts) if text in _LONE]  # Indices of the sides that are the name
         order = names.order(sides[0] + sides[1])
         if alone or stated:
             lone = bool(alone)
-        elif _FORCE.fullmatch(name):  # f is a force of constraint if there are constraints, and defines nothing
+        elif _FORCE.fullmatch(name):  # With constraints, f is a force of constraint, and defines nothing
             lone = shared and not (name[0] == "f" and any(known.startswith("lambda_") for known in names.names))
         else:
             lone = order == 0 or _is_multiple(sides, words, names)
@@ -428,7 +429,7 @@ def _defining_sides(clause: Clause, uses: Uses, names: Names) -> list[list[Token
 
 
 def _is_multiple(sides: Sequence[Sequence[Token]], words: Sequence[Token], names: Names) -> bool:
-    """Return True if one side is a known symbol, and the other one of `words` with constants, as in a = R alpha."""
+    """Return True if one side is a known symbol, and the other one of `words` times constants, as in a = R alpha."""
     others = [token for side in sides if len(side) > 1 for token in side if token.kind == "word" and token not in words]
     known = [side for side in sides if len(side) == 1 and side[0].kind == "word"]
     constant = not any(piece.moves for token in others for piece in names.readings(token.text)[0])
@@ -447,10 +448,10 @@ def _renames(left: Sequence[Token], right: Sequence[Token], names: Names) -> boo
 
 
 class Uses:
-    """Places at which unknown words and products of symbols occur in an answer, a text of typed equations.
+    """Clauses of an answer in which unknown words and products of symbols occur.
 
-    `words` maps each word to the offsets of the clauses (parts of the text) that contain it. `changed` has only the
-    clauses that state its derivative, or that it is constant.
+    An answer is a text of typed equations, and clauses are its parts. `words` maps each word to the offsets of the
+    clauses that contain it. `changed` has only clauses that state its derivative, or that it is constant.
     """
 
     def __init__(self, clauses: Sequence[Clause]) -> None:
@@ -472,7 +473,7 @@ class Uses:
         return any(offsets - {clause.begin} for offsets in uses)
 
     def changes(self, name: str, clause: Clause) -> bool:
-        """Return True if a clause other than `clause` states the derivative of a name, or that it is constant."""
+        """Return True if a clause other than `clause` states the derivative of a name, or that the name is constant."""
         rates = (name + ending for endings in SPELLINGS[1:] for ending in endings)
         offset_sets = [self.changed.get(name, set()), *(self.words.get(rate, set()) for rate in rates)]
         return any(offsets - {clause.begin} for offsets in offset_sets)

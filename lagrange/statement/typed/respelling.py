@@ -1,7 +1,7 @@
-r"""Respelling of typed text before its tokens: matrices, \over and \overset of LaTeX, Markdown, mail, words for "=".
+r"""Respell typed text before it is divided into tokens: matrices, \over and \overset of LaTeX, Markdown, words for "=".
 
-Fractions such as \dfrac, Greek letters and other commands of LaTeX are in `tokens`.
-Text around formulas becomes blanks. The text keeps its length, so that offsets in it are those of the typed text.
+Fractions such as \dfrac, Greek letters and other LaTeX commands are in `tokens`. Text around formulas becomes blanks.
+The text keeps its length, so that offsets refer to the typed text.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ import unicodedata
 from collections.abc import Callable
 from functools import partial
 
-MATRIX_MARKS = MATRIX, CELL, ROW, MATRIX_END = "⟦╎╱⟧"  # Begin of a matrix, a new column, a new row, and its end
+MATRIX_MARKS = MATRIX, CELL, ROW, MATRIX_END = "⟦╎╱⟧"  # Beginning of a matrix, new column, new row, end of the matrix
 CONSEQUENCE = "⇒"  # Mark between an equation and its consequence
-# Plain letters and brackets for those of formula editors, and a blank for the mark at the start of some files
+# Plain letters and brackets in place of those of formula editors, and a blank for the mark at the start of some files
 PLAIN_LETTERS = {code: unicodedata.normalize("NFKC", chr(code)) for code in range(0x1D400, 0x1D800)}
 PLAIN_LETTERS |= {0x210E: "h", 0xFEFF: " ", ord("〖"): "(", ord("〗"): ")"}
 _ROW_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?")
 _OVER = r"\\over(?![A-Za-z])"
-_IN_BRACES = r"(?:[^{}]|\{[^{}]*\})"  # A character of a group in braces, or a group inside it
-_ABOVE_TIME = r"(?:(?!\\partial)[^=+\n]){0,24}\}\s*\{\s*\\partial\s*t(?![A-Za-z])"  # The rest of a quotient by dt
+_IN_BRACES = r"(?:[^{}]|\{[^{}]*\})"  # Matches a character of a group in braces, or a group inside it
+_ABOVE_TIME = r"(?:(?!\\partial)[^=+\n]){0,24}\}\s*\{\s*\\partial\s*t(?![A-Za-z])"  # Matches the end of a quotient d/dt
 
 
 def _marked(match: re.Match[str]) -> str:
-    """Return the matched text of one matrix on one line, with single characters in place of its LaTeX commands."""
+    """Return the text of one matrix on one line, with single characters in place of its LaTeX commands."""
     group = 3 if match.group(2) is None else 2
     inside = _ROW_BREAK.sub(lambda row: ROW.ljust(len(row.group())), match.group(group)).rstrip(f"{ROW} \n")
     inside = inside.replace("&", CELL).replace("\n", " ").ljust(len(match.group(group)))
@@ -32,7 +32,7 @@ def _marked(match: re.Match[str]) -> str:
 
 
 def _cases(match: re.Match[str]) -> str:
-    """Return the matched values with conditions, each row of LaTeX a pair, as Piecewise((value, condition), ...)."""
+    """Return LaTeX rows of values and conditions as Piecewise((value, condition), ...)."""
     rows = re.sub(r"\\text\s*\{\s*otherwise\s*\}", lambda word: "True".ljust(len(word.group())), match.group(1))
     begin = r"[,;]?\s*&(?:\s*\\text\s*\{\s*(?:if|for|falls)\s*\})?"  # The begin of a condition
     rows = re.sub(begin, lambda mark: ",".ljust(len(mark.group())), rows)
@@ -115,18 +115,18 @@ _PATTERNS = [(re.compile(pattern, re.MULTILINE | re.DOTALL), spelling) for patte
 
 
 def respelled(text: str) -> str:
-    """Return a text of the same length in which the spellings of the table are replaced."""
+    """Return a text of the same length in which the spellings in `_RESPELLED` are replaced."""
     for pattern, spelling in _PATTERNS:
         text = pattern.sub(partial(_written, spelling=spelling), text)
     return text
 
 
 def _written(match: re.Match[str], spelling: str | Callable[[re.Match[str]], str]) -> str:
-    """Return the new text for a match: the spelling, and blanks up to the same length."""
+    """Return the replacement of a match: the spelling, and blanks up to the length of the match."""
     text = spelling(match) if callable(spelling) else match.expand(spelling)
     return text + blanks(match.group()[len(text) :])
 
 
 def blanks(text: str) -> str:
-    """Return blanks of the same length as a text, with its line breaks kept."""
+    """Return blanks of the same length as a text. Line breaks stay."""
     return re.sub(r"[^\n]", " ", text)

@@ -1,7 +1,7 @@
-r"""Tokens of a typed formula: words, numbers, signs, LaTeX commands such as \dfrac and \ddot, each with its place.
+r"""Divide a typed formula into tokens: words, numbers, signs, LaTeX commands such as \dfrac and \ddot, with offsets.
 
-Derivatives get one form for all notations: primes, LaTeX dots, and d/dt. Words are not looked up here: `typed.names`
-decides whether a word is a symbol of the system.
+Derivatives get one form for all notations: primes, LaTeX dots, and d/dt. `typed.names` decides whether a word is a
+symbol of the system.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from lagrange.statement.vocabulary.letters import GREEK
 
 # Combining marks above a letter, and the order of the time derivative that each means
 DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2, "\N{COMBINING THREE DOTS ABOVE}": 3}
-# Marks after a letter that mean derivatives, and their order
+# Marks after a letter that mean derivatives, and the order of the derivative
 PRIMES = {**dict.fromkeys("'’‘′´`˙", 1), **dict.fromkeys('"″”“¨', 2)}
 ORDERS = ("<", "<=", ">", ">=")  # Signs of a comparison
-# Signs of a formula, and their plain signs
+# Signs of formulas, with the plain sign of each
 SIGNS = {
     "**": "^",
     "==": "=",
@@ -34,7 +34,7 @@ SIGNS = {
     **dict.fromkeys("÷∕⁄", "/"),
     "√": "sqrt",
 }
-# LaTeX commands that are signs, and their plain signs
+# LaTeX commands for signs, with the plain sign of each
 _COMMAND_SIGNS = {
     **dict.fromkeys(("cdot", "times", "ast"), "*"),
     **dict.fromkeys(("lvert", "rvert", "vert", "mid"), "|"),
@@ -50,11 +50,11 @@ _COMMAND_SIGNS = {
     "}": ")",
     "|": "|",
 }
-# LaTeX commands with a numerator and a denominator
+# LaTeX commands followed by a numerator and a denominator
 _FRACTIONS = ("frac", "dfrac", "tfrac", "cfrac", "sfrac", "nicefrac")
-# LaTeX commands for derivatives with respect to time, and the order of the derivative
+# LaTeX commands for time derivatives, and the order of the derivative
 _DERIVATIVES = {"dot": 1, "ddot": 2, "dddot": 3, "dv": 1, "odv": 1}
-# LaTeX commands whose group is one word
+# LaTeX commands before a group in braces that is one word
 _WORD_GROUPS = (
     *("mathrm", "text", "textrm", "mathit", "operatorname", "mathsf"),
     *("mathbf", "boldsymbol", "rm", "mathop", "vec", "hat"),
@@ -65,7 +65,7 @@ _SPACES = (
     *("quad", "qquad", "cancel", "bcancel", "displaystyle", "textstyle", "limits", "nonumber", "notag"),
     *("thinspace", "space", "hfill", "blacksquare", *",;:!>"),
 )
-# LaTeX commands that are words: letters, and functions; and their spelling in names
+# LaTeX commands for letters and functions, with the word for each
 _COMMAND_WORDS = {f"var{name}": name for name in ("phi", "theta", "epsilon", "rho", "sigma", "pi")} | {
     name: name
     for name in (
@@ -73,14 +73,14 @@ _COMMAND_WORDS = {f"var{name}": name for name in ("phi", "theta", "epsilon", "rh
         *("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", "tanh"),
     )
 }
-# A command that is an operator between two values
+# Matches a command that is an operator between two values
 OPERATOR = rf"\\(?:{'|'.join(name for name, sign in _COMMAND_SIGNS.items() if sign in '*/')})(?![A-Za-z])"
-# Characters that look like letters of a name, and their spelling in names
+# Characters similar to letters of a name, with the letter's name
 GREEK_VARIANTS = {"ϕ": "phi", "ϑ": "theta", "ϵ": "epsilon", "ϱ": "rho", "µ": "mu", "π": "pi", "ℓ": "ell", "ς": "sigma"}
 _NUMBER = re.compile(r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+(?![A-Za-z0-9_]))?")
-# A number such as 0,5: no blanks around the comma, and no further comma or point
+# Matches a number such as 0,5, without blanks around the comma and without a further comma or point
 _DECIMAL_COMMA = re.compile(r"([0-9]+)(?:,|\{,\})([0-9]+)(?![0-9]|[.,][0-9])")
-_LONE = re.compile(r"\s*([0-9A-Za-z])")  # An argument of a fraction without braces
+_LONE = re.compile(r"\s*([0-9A-Za-z])")  # Matches an argument of a fraction without braces
 
 _COMMAND = re.compile(r"\\([A-Za-z]+|.)", re.DOTALL)
 _BLANK = re.compile(r"[\s~&$\u00a0\u2009\u200b\u2061\u2062\u2063]+")
@@ -91,32 +91,32 @@ _LETTER = f"[A-Za-z{''.join(GREEK)}]"
 _PLAIN_INDEX = re.compile(rf"_([0-9]+|{_LETTER}(?:{_LETTER}|[0-9])*)")
 _BRACKETED = re.compile(r"\[([A-Za-z][A-Za-z0-9_]*)\]")
 _RATE = re.compile(r"\.(d{1,2})ot\b|(?:\(t\))?\.diff\(\s*t\s*(?:,\s*([t2])\s*)?\)")
-_OPERAND = re.compile(r"\(|\s[^\W\d_]")  # The operand of a word for a derivative: a bracket or a symbol
-_BEFORE_DIGITS = ("sin", "cos", "tan", "cot", "sqrt")  # Functions that end a word before a digit, as in sin2x
+_OPERAND = re.compile(r"\(|\s[^\W\d_]")  # Matches the begin of the operand of ddot as a word: a bracket or a symbol
+_BEFORE_DIGITS = ("sin", "cos", "tan", "cot", "sqrt")  # Functions after which a digit begins a new word, as in sin2x
 
 SEVERAL = {"Eq", "diff", "Derivative", *(name for name, word in WORDS.items() if word.most != 1)}
 SEVERAL |= {name for name, strict in ALIASES.items() if strict in SEVERAL}
-"""Functions of several arguments: a comma between digits in their brackets is not a decimal comma."""
+"""Functions of several arguments. In their brackets a comma between digits is not a decimal comma."""
 
-# A fraction of small digits, such as ¹⁄₂, that is not an exponent; or a fraction that is one character, such as ½
+# Matches a fraction that is not an exponent: small digits such as ¹⁄₂, or one character such as ½
 _SMALL_FRACTION = re.compile(r"(?<![\w)\]}̇̈'])[⁰¹²³⁴⁵⁶⁷⁸⁹]+[⁄∕/][₀₁₂₃₄₅₆₇₈₉]+|[¼-¾⅐-⅞↉]")
 _SUPERSCRIPT = re.compile(r"([⁺⁻]?)([⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
 _SUBSCRIPTS = dict(zip("₀₁₂₃₄₅₆₇₈₉ₐₑₕᵢⱼₖₗₘₙₒₚᵣₛₜᵤᵥₓ", "0123456789aehijklmnoprstuvx", strict=True))
-OPENING = {"(": ")", "[": "]", "{": "}"}  # Opening brackets and their closing brackets
-LONGEST_QUOTIENT = 20  # Most tokens of d^n or of /dt^n
-LONGEST_CALL = 300  # Most tokens of a call such as diff(x, t, 2)
+OPENING = {"(": ")", "[": "]", "{": "}"}  # Closing bracket of each opening bracket
+LONGEST_QUOTIENT = 20  # Largest number of tokens of d^n or of /dt^n
+LONGEST_CALL = 300  # Largest number of tokens of a call such as diff(x, t, 2)
 _CALLS = ("diff", "Diff", "Derivative")  # Functions that are derivatives of their first argument
-NESTED = 5  # Most levels of nested dots and of derivatives inside diff(...); the readers of both are recursive
+NESTED = 5  # Largest number of levels of nested dots and diff(...), which are read recursively
 
 
 @dataclass(frozen=True)
 class Token:
-    """One piece of a formula: its kind, its `text` in one notation, and the part text[begin:end] it was made from.
+    """Piece of a formula: its `kind`, its `text` in one notation, and its place text[begin:end] in the typed text.
 
     Kinds: "word", "number", "sign", "power" (a superscript), "prime" (text is the order), "index" (a subscript that
     follows a mark), "dots" (a LaTeX command for a derivative; text is the order), "rate" and "operator" (a time
-    derivative; text is the order), "fault" (text is a sentence). `order` is the number of dots on the first letter of
-    a word, `primes` that of primes after the word. `spaced` is true if a blank precedes the token.
+    derivative; text is the order), "fault" (text is a sentence). `order` is the number of dots on the first letter of a
+    word, and `primes` the number of primes after the word. `spaced` is true if a blank precedes the token.
     """
 
     kind: str
@@ -133,7 +133,7 @@ class Token:
 
 
 def bracketed(tokens: Sequence[Token]) -> list[Token]:
-    """Return the tokens of a formula with brackets around them."""
+    """Return the tokens of a formula, with a bracket before and after them."""
     (begin, _), (last, end) = ((token.begin, token.end) for token in (tokens[0], tokens[-1]))
     return [Token("sign", "(", begin, begin), *tokens, Token("sign", ")", last, end)]
 
@@ -142,21 +142,21 @@ def tokens_of(text: str, begin: int, end: int) -> list[Token]:
     """Return the tokens of text[begin:end], with derivatives in one form.
 
     LaTeX dots and primes of a word are added to its `primes`. Any other derivative becomes a token of kind "rate",
-    followed by its operand; its text is the order. If the operand is simply what follows, as in d/dt m x, the kind is
-    "operator". A subscript after a prime moves to its word. A character that cannot be read becomes a token of kind
-    "fault".
+    followed by its operand. If the operand is not marked, as in d/dt m x, the kind is "operator". The text of both
+    kinds is the order. A subscript after a prime moves to its word. A character that cannot be read becomes a token of
+    kind "fault".
     """
     return _leibniz(_marked(_Scanner(text, end).scan(begin), NESTED), NESTED)
 
 
 class _Scanner:
-    """Divides a text into tokens, in one pass from left to right."""
+    """Scanner that divides a text into tokens, in one pass from left to right."""
 
     def __init__(self, text: str, end: int) -> None:
         self.text, self.end = text[:end], end
         self.tokens: list[Token] = []
         self.spaced = False
-        self.listing: list[bool] = []  # True for each open bracket with several arguments
+        self.listing: list[bool] = []  # True for each open bracket of a function of several arguments
 
     def scan(self, offset: int) -> list[Token]:
         """Return all tokens of the text from an offset on."""
@@ -178,7 +178,7 @@ class _Scanner:
         return end
 
     def _token(self, offset: int) -> int:
-        """Add the token that begins at an offset to the list of tokens, and return the offset after it."""
+        """Add the token at an offset to the list of tokens, and return the offset after it."""
         text, mark = self.text, self.text[offset]
         decimal = _DECIMAL_COMMA.match(text, offset)
         if decimal and not any(self.listing[-1:]):
@@ -200,12 +200,12 @@ class _Scanner:
         index, after = self._indices(offset)
         if index:
             return self._add("index", index, offset, after)
-        if mark.isalpha():  # of any alphabet, so that messages name whole words
+        if mark.isalpha():  # Letters of all alphabets are read, so that messages name whole words
             return self._word(offset)
         return self._add("fault", f"the character {_named(mark)} cannot stand in an equation", offset, offset + 1)
 
     def _fraction(self, text: str, begin: int, end: int) -> int:
-        """Add a fraction, such as "1⁄2", to the list of tokens, joined to a whole number before it as in 1½."""
+        """Add a fraction, such as "1⁄2", to the list of tokens. A whole number before it is added to it, as in 1½."""
         above, below = map(int, text.split("⁄"))
         last = self.tokens[-1] if self.tokens else None
         if last and last.end == begin and last.kind == "number" and last.text.isdigit():
@@ -213,7 +213,7 @@ class _Scanner:
         return self._add("number", f"{above}/{below}", begin, end)
 
     def _word(self, offset: int) -> int:
-        """Add the word that begins at an offset to the list of tokens, and return the offset after it.
+        """Add the word at an offset to the list of tokens, and return the offset after it.
 
         A word consists of letters, digits and subscripts. A letter with dots begins a new word.
         """
@@ -295,7 +295,8 @@ class _Scanner:
 def _dotted(text: str, offset: int, end: int) -> tuple[str, int, int]:
     """Return the letter at an offset, the number of dots above it, and the offset after it.
 
-    A variant of a Greek letter is spelled by its name, such as phi. A letter with other marks is kept, with no dots.
+    A variant of a Greek letter is spelled by its name, such as phi. A letter with other marks keeps them, and has no
+    dots.
     """
     begin, offset = offset, offset + 1
     while offset < end and unicodedata.combining(text[offset]):
@@ -307,7 +308,7 @@ def _dotted(text: str, offset: int, end: int) -> tuple[str, int, int]:
 
 
 def _named(mark: str) -> str:
-    """Return a character or a command as printable text for a message, without control characters."""
+    """Return a character or a command as printable text for a message."""
     if len(mark) > 1 or (mark.isascii() and mark.isalpha()):
         return f"\\{mark}"
     if mark.isprintable() and mark.isascii():
@@ -316,7 +317,7 @@ def _named(mark: str) -> str:
 
 
 def closing(tokens: Sequence[Token], start: int) -> int:
-    """Return the index of the bracket that closes the one at index `start`, or the number of tokens if none does."""
+    """Return the index of the bracket that closes the one at index `start`, or the number of tokens without one."""
     depth = 0
     for i in range(start, len(tokens)):
         if tokens[i].is_sign(*OPENING):
@@ -331,7 +332,7 @@ def closing(tokens: Sequence[Token], start: int) -> int:
 def _marked(tokens: Sequence[Token], levels: int) -> list[Token]:
     """Return the tokens of a formula, with dots, primes and the subscripts after them joined to their words.
 
-    `levels` is the number of levels of nested dots that are read.
+    `levels` is the largest number of levels of nested dots.
     """
     joined: list[Token] = []
     i = 0
@@ -385,7 +386,7 @@ def _with_marks(word: Token, tokens: Sequence[Token], i: int) -> tuple[Token, li
 def _leibniz(tokens: Sequence[Token], levels: int) -> list[Token]:
     """Return the tokens with d^2x/dt^2, d/dt(...) and diff(x, t, 2) replaced by tokens of kind "rate" or "operator".
 
-    The operand follows the token. `levels` is the number of levels of nested diff(...) that are read.
+    The operand follows the token. `levels` is the largest number of levels of nested diff(...).
     """
     replaced: list[Token] = []
     i = 0
@@ -416,18 +417,18 @@ _BOTTOM = {
     begin: re.compile(rf"(?:\(t \))?{middle}(\()?d ?t([0-9]?) {_POWER}(?(1)\){end})")
     for begin, middle, end in ((None, "/", _POWER), ("(", r"\)/", _POWER), (r"\(", r"\)", ""))
 }
-r"""Numerators such as d^2, dx and d2x, and what follows each begin of a numerator: (t)/dt^2.
+r"""Patterns of d^n x/dt^n. `_TOP` matches a numerator such as d^2, dx or d2x. `_BOTTOM` matches the rest, such as
+(t)/dt^2.
 
-A numerator may begin with a bracket, or with \\frac and a bracket.
-
-The patterns match tokens as `_spelled` writes them.
+Keys of `_BOTTOM` are the beginnings of the numerator: none, a bracket, or \frac with a bracket. The patterns match the
+text of tokens that `_spelled` returns.
 """
 
 
 def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
-    """Return the derivative d^n x / dt^n that begins at index i: order, operand, next index. Return None without one.
+    """Return the derivative d^n x / dt^n at index i as (order, operand, next index), or None if there is none.
 
-    x may be joined to d, as in dx/dt.
+    x may be joined to d, as in dx/dt. The operand is a list of tokens.
     """
     top, after = _match(_TOP, tokens, i)
     if top is None:
@@ -447,7 +448,7 @@ def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
 
 
 def _match(pattern: re.Pattern[str], tokens: Sequence[Token], i: int) -> tuple[re.Match[str] | None, int]:
-    """Return the match of `pattern` with the text of the tokens from index i on, and the index after it.
+    """Return the match of `pattern` with the text of the tokens from index i on, and the index after the match.
 
     Without a match the index is i.
     """
@@ -470,7 +471,7 @@ def _spelled(token: Token) -> str:
 def _call(tokens: Sequence[Token], i: int) -> _Rate | None:
     """Return the derivative diff(x, t, 2), Derivative(x, (t, 2)) or D[x, {t, 2}] that begins at index i, or None.
 
-    It is returned as its order, its operand in brackets and the next index.
+    The derivative is returned as (order, operand in brackets, next index).
     """
     opened = i + 1 < len(tokens) and tokens[i + 1].is_sign(*OPENING)
     named = tokens[i].text in _CALLS or (tokens[i].text == "D" and opened and tokens[i + 1].text == "[")

@@ -1,1 +1,1 @@
-"""Dimensions and units of a statement: their notation, and the check of every term."""
+"""Dimensions and units of a statement: how they are written, and the check of all terms."""

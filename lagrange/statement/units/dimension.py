@@ -1,4 +1,4 @@
-"""Dimensions and units: their notation, their names and their comparison."""
+"""Read, name, multiply and compare dimensions and units, such as "torque", "N*m" and "kg*m/s**2"."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from lagrange.statement.parameters import label_of
 from lagrange.statement.scene.expressions import read_expression
 
 SAME_FACTOR = 1e-9
-"""Largest difference of logarithms of equal factors: factors of units have some twelve digits."""
+"""Largest difference of the natural logarithms of equal scale factors of units, which have about twelve digits."""
 
 PREFIXES = {"T": 12, "G": 9, "M": 6, "k": 3, "h": 2, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12}
-"""Powers of ten of the prefixes of units."""
+"""Prefixes of units, with their powers of ten."""
 
 PREFIXED = ("m", "s", "g", "N", "J", "W", "Pa", "Hz", "rad", "A", "C", "V", "F", "H", "T", "ohm", "bar", "eV")
-"""Units that take prefixes."""
+"""Units before which prefixes are allowed."""
 
 BESIDE_NEWTON = {"m": "m", "cm": "cm", "mm": "mm", "s": "s", "ms": "m*s"}
-"""Suffixes of N without a sign between: Nm is a torque, Ns a momentum and Nms an angular momentum."""
+"""Units that may follow N without a sign between: Nm is a torque, Ns a momentum and Nms an angular momentum."""
 
 OTHERS = {
     "min": "minute",
@@ -59,15 +59,15 @@ OTHERS = {
     "slug": "14.593902937206365*kg",
     "hp": "745.6998715822702*W",
 }
-"""Other units as expressions in known ones. US customary units and the electronvolt are defined by these numbers."""
+"""Further units as expressions in known units. US customary units and the electronvolt are defined by these numbers."""
 
 KNOWN_EXAMPLES = "dimensions such as 'length' and 'torque', and units such as 'm', 'cm', 'inch', 'kg', 'N*m' and 'rpm'"
-"""End of a sentence on a name that is not known."""
+"""End of a message on an unknown name of a dimension or unit."""
 
 RESPELLED = ("min", "sec", "in")  # Units whose names are functions or reserved words in expressions
 
 SIGNS = {"^": "**", "µ": "u", "μ": "u", "·": "*", "⋅": "*", "²": "**2", "³": "**3", "\u2126": "ohm", "\u03a9": "ohm"}
-"""Signs in texts of units, and their plain spelling."""
+"""Signs in texts of units, with their plain spelling."""
 
 
 def plain_text(text: str) -> str:
@@ -105,22 +105,23 @@ DERIVED: Mapping[str, str] = {
     "electric_field": "mass*length/(current*time**3)",
     "dimensionless": "1",
 }
-"""Dimensions of mechanics that SymPy has no name for."""
+"""Dimensions of mechanics for which SymPy has no name."""
 
 NAMED_FIRST = ("length", "time", "velocity", "acceleration", "mass", "force", "energy", "power", "momentum", "action")
-"""Dimensions that messages name."""
+"""Dimensions that messages call by name."""
 
-BASE = ("mass", "length", "time")  # Base dimensions of mechanics, in the order in which messages write them
+BASE = ("mass", "length", "time")  # Base dimensions of mechanics, in the order of messages
 
 Exponents = tuple[tuple[str, Any], ...]
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """A dimension, and the unit if known: exponents of base dimensions, sorted by name, without zeros.
+    """Dimension of a quantity, and its unit if known.
 
-    `factor` is the natural logarithm of the scale factor of the unit; None if no unit is known. `unit` is the unit as
-    stated, empty if a dimension was stated.
+    `exponents` are pairs (base dimension, exponent), sorted by name, without zeros. `factor` is the natural logarithm
+    of the scale factor of the unit; None if no unit is known. `unit` is the unit as stated, "" if a dimension was
+    stated.
     """
 
     exponents: Exponents
@@ -129,9 +130,9 @@ class Dimension:
 
     @classmethod
     def of(cls, exponents: Mapping[str, Any], factor: float | None = None) -> Dimension:
-        """Return the Dimension with the exponents {base dimension: exponent}, without zeros.
+        """Return the Dimension with the exponents {base dimension: exponent}, of which zeros are left out.
 
-        `factor` is the logarithm of the scale factor of its unit.
+        `factor` is the natural logarithm of the scale factor of its unit, or None.
         """
         return cls(tuple(sorted((name, power) for name, power in exponents.items() if power)), factor)
 
@@ -152,7 +153,7 @@ class Dimension:
     def fits(self, other: Dimension) -> bool:
         """Return True if quantities of these two dimensions may be added.
 
-        The dimensions are equal, and so are the scale factors of their units if both are known.
+        Then the dimensions are equal, and so are the scale factors of their units if both are known.
         """
         if not self.like(other):
             return False
@@ -162,7 +163,7 @@ class Dimension:
 
     @property
     def in_words(self) -> str:
-        """The stated unit as text, or the dimension as text if no unit was stated."""
+        """Stated unit as text, or the dimension as text if no unit was stated."""
         return self.unit or str(self)
 
     def __str__(self) -> str:
@@ -180,7 +181,7 @@ class Dimension:
 
 
 def power_text(name: str, power: Any) -> str:
-    """Return a positive power of a dimension or unit as text, as a user types it: m**2."""
+    """Return a positive power of a dimension or unit as a user types it, such as m**2."""
     return name if power == 1 else f"{name}**{power}" if power.denominator == 1 else f"{name}**({power})"
 
 
@@ -196,7 +197,7 @@ def named(name: str) -> Dimension:
 
 @cache
 def known_names() -> Mapping[str, Any]:
-    """Return {name: dimension or unit}: `UNITS`, `DERIVED`, and those of SymPy except physical constants."""
+    """Return {name: dimension or unit}: `UNITS`, `DERIVED`, and those of SymPy without physical constants."""
     from sympy.physics import units
     from sympy.physics.units.definitions import dimension_definitions
 
@@ -212,7 +213,7 @@ def known_names() -> Mapping[str, Any]:
 
 
 def _measured(quantity: Any) -> Dimension:
-    """Return the `Dimension` of a dimension or unit of SymPy."""
+    """Return the `Dimension` of a SymPy object `quantity`, which is a dimension or a unit."""
     from sympy.physics.units import Quantity
     from sympy.physics.units.systems.si import SI
 
@@ -229,7 +230,7 @@ def _measured(quantity: Any) -> Dimension:
 def read_dimension(value: Any, what: str) -> Dimension:
     """Return the `Dimension` that a user states: "mass", "kg*m/s**2", 1, or a dimension or unit of SymPy.
 
-    Raises StatementError for an unknown name and for another type.
+    `what` is the name of the value in messages. Raises StatementError for an unknown name and for another type.
     """
     if isinstance(value, str):
         stated = _from_text(value, what)
@@ -248,14 +249,14 @@ def read_dimension(value: Any, what: str) -> Dimension:
 
 
 def units_in(text: str) -> list[str]:
-    """Return the names of the units in the text of a unit."""
+    """Return the sorted names of the units in the text of a unit, such as m and s for "m/s**2"."""
     return sorted(symbol.name for symbol in _from_text(text, "the unit").free_symbols)
 
 
 def _from_text(text: str, what: str) -> Any:
     """Return a text such as "kg*m/s**2" as a SymPy expression whose symbols are names of dimensions and units.
 
-    `what` names the text in messages. Raises StatementError for an unknown name.
+    `what` is the name of the text in messages. Raises StatementError for an unknown name.
     """
     spelled = plain_text(text)
     name = spelled.replace(" ", "_")
@@ -280,7 +281,7 @@ def _from_text(text: str, what: str) -> Any:
 def _dimension_of(expression: Any, what: str) -> Dimension:
     """Return the Dimension of an expression that is a product of powers of dimensions and units.
 
-    `what` names the expression in messages. Raises StatementError for other expressions.
+    `what` is the name of the expression in messages. Raises StatementError for other expressions.
     """
     from sympy.physics import units
 
@@ -306,9 +307,9 @@ def _dimension_of(expression: Any, what: str) -> Dimension:
 
 
 def read_dimensions(table: Any, known: Mapping[str, Any]) -> dict[Any, Dimension]:
-    """Return {symbol: dimension} from a user's table; `known` are the system's symbols by name.
+    """Return {symbol: dimension} from a user's table. `known` are the system's symbols by name.
 
-    Keys of the table are symbols or names. Entries for symbols of other systems are checked and dropped. Raises
+    Keys of the table are symbols or names. Entries for symbols of other systems are checked and left out. Raises
     StatementError for a value that is not a dimension or unit.
     """
     if not isinstance(table, Mapping):
@@ -323,7 +324,7 @@ def read_dimensions(table: Any, known: Mapping[str, Any]) -> dict[Any, Dimension
 
 
 def with_dimensions_of_rates(stated: Mapping[Any, Dimension]) -> dict[Any, Dimension]:
-    """Return {symbol: dimension}, with entries of functions x in place of those of their derivatives x.dot.
+    """Return {symbol: dimension}, in which functions x replace their derivatives x.dot.
 
     Raises StatementError if the stated dimensions of x and x.dot contradict each other.
     """
@@ -349,7 +350,7 @@ def with_dimensions_of_rates(stated: Mapping[Any, Dimension]) -> dict[Any, Dimen
 def _times(dimension: Dimension, time: Dimension, power: int) -> Dimension:
     """Return `dimension` times a power of `time`, the dimension of t.
 
-    If the dimension has a stated unit, the product has one too.
+    If the dimension has a stated unit, the product has a unit too.
     """
     product = dimension * time ** Fraction(power)
     if not dimension.unit:

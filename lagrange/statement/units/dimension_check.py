@@ -1,4 +1,4 @@
-"""Check of dimensions and units in every term of a statement and of its events."""
+"""Check the dimensions and units of all terms of a statement and its events, and infer those that were not stated."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ NUMBER_REMEDY = " A number has no unit: put a parameter in its place, such as d 
 class WrongTermError(Exception):
     """Error: a `term` of an expression has another `unit` than `expected`.
 
-    `context` says where the term is: "whole" if it is the expression itself, or in a "sum", a "power" or a
-    "function". `within` is the function.
+    `context` says where the term is: "whole" if it is the expression itself, or in a "sum", a "power" or a "function".
+    `within` is the function.
     """
 
     def __init__(self, term: Any, unit: UnitProduct, expected: UnitProduct, context: str, within: Any = None) -> None:
@@ -71,10 +71,9 @@ class WrongTermError(Exception):
 
 @located("dimensions")
 def with_dimensions(statement: Statement, table: Mapping[Any, Any]) -> Statement:
-    """Return the statement with the dimensions of its symbols.
+    """Return the statement with the dimensions of its symbols, stated in the user's `table` or inferred.
 
-    They are stated in the user's `table`, or follow from stated ones. Raises StatementError that names the first term
-    with a wrong dimension.
+    Raises StatementError that names the first term with a wrong dimension.
     """
     known = {"t": t, **dict(zip(statement.names, statement.coordinates, strict=True))}
     known |= {symbol.name: symbol for symbol in statement.parameters}
@@ -89,7 +88,7 @@ def with_dimensions(statement: Statement, table: Mapping[Any, Any]) -> Statement
     parts = _parts(statement, stated)
     dimensions = check_dimensions(parts, stated, statement.plain)
     check_dimensions(parts, dimensions | dict(multiplier_dimensions(statement, dimensions)), statement.plain)
-    for key in table:  # symbols of SymPy may belong to another system
+    for key in table:  # A symbol of SymPy may belong to another system
         if not isinstance(key, sympy.Basic) and key not in rates:
             one_of(
                 label_of(key),
@@ -100,13 +99,16 @@ def with_dimensions(statement: Statement, table: Mapping[Any, Any]) -> Statement
 
 
 def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[CheckedPart]:
-    """Return every expression of a statement with its required dimension, such as energy over q for the force on q."""
-    read = statement.reading or statement  # with torques about the axes of bodies in place of forces on quaternions
+    """Return all expressions of a statement with their required dimensions, such as energy over q for the force on q.
+
+    `known` are the stated dimensions by symbol.
+    """
+    read = statement.reading or statement  # With torques about the axes of bodies instead of forces on quaternions
     energies = {"the Lagrangian": read.lagrangian}
     if not read.lagrangian_alone:
         energies = {"the kinetic energy": read.kinetic, "the potential energy": read.potential}
     parts = [CheckedPart(what, expression, "energy") for what, expression in energies.items()]
-    # The equation of a coordinate of first order may be one of voltages, for example: its terms need only agree.
+    # Terms of an equation of first order may have any dimension, such as voltage, if it is the same for all.
     held = (read.lagrangian, *(constraint.expression for constraint in read.constraints))
     torqued = {q: getattr(q.func, RATE) for q in read.coordinates if hasattr(q.func, RATE)}
     rates = zip(read.coordinates, read.velocities, strict=True)
@@ -137,7 +139,7 @@ def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[Checked
 
 
 def _contact_parts(contact: Contact) -> Iterator[CheckedPart]:
-    """Yield the expressions of a contact: slips are rates of the gap, restitution and friction are numbers."""
+    """Yield the expressions of a contact to check: slips are rates of the gap, restitution and friction are numbers."""
     what, speed = f"the contact {contact.name}", contact.gap.diff(t)
     yield CheckedPart(f"the gap of {what}", contact.gap, None)
     for component in contact.slip:
@@ -154,7 +156,7 @@ def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) 
     """Yield (multiplier, dimension) for each constraint.
 
     A multiplier times a holonomic constraint is an energy. A multiplier times a constraint on velocities, times a time,
-    is an energy.
+    is an energy. `known` are the dimensions of the other symbols.
     """
     energy = dimension_of(statement.lagrangian, known) or named("energy")
     for constraint in statement.constraints:
@@ -167,7 +169,7 @@ def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) 
 def check_dimensions(
     parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], symbols: Mapping[Any, Any]
 ) -> dict[Any, Dimension]:
-    """Return the dimensions of all symbols, known or inferred, with the scale factors of their units if any is stated.
+    """Return the dimensions of all symbols, stated or inferred, with the scale factors of their units if any is stated.
 
     `parts` are the expressions to check, and `dimensions` the stated dimensions. `symbols` maps functions of time to
     symbols for messages. Raises StatementError for the first term with a wrong dimension, else for the first one in a
@@ -178,7 +180,8 @@ def check_dimensions(
     for symbol in [node for node in inferred.units if isinstance(node, (sympy.Symbol, AppliedUndef))]:
         dimension = None if symbol in known else inferred.dimension(symbol)
         if dimension is not None:
-            # No quantity of mechanics has a root of a length as its dimension. Such a symbol is taken for an angle, so
+            # A root of a length is not the dimension of a quantity of mechanics. A symbol with such a dimension is
+            # taken for an angle, so that the check below names the wrong term.
             # that the check below names the wrong term.
             whole = dimension.exponents and all(power.denominator == 1 for _, power in dimension.exponents)
             known[symbol] = Dimension(dimension.exponents) if whole else DIMENSIONLESS
@@ -198,9 +201,9 @@ def check_dimensions(
 def _first_wrong(
     parts: Sequence[CheckedPart], equations: UnitEquations, *, scales: bool
 ) -> tuple[CheckedPart, WrongTermError] | None:
-    """Return the first part with a wrong term, and the error that names the term; None if there is no such part.
+    """Return the first part with a wrong term, and the error that names the term. Return None if all parts are right.
 
-    With `scales` the scale factors of units are compared too, not only dimensions.
+    If `scales` is true, the scale factors of units are compared too, not only dimensions.
     """
     checker = _Checker(equations, scales)
     for part in parts:
@@ -212,14 +215,17 @@ def _first_wrong(
 
 
 def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension | None:
-    """Return the dimension of an expression from the `known` ones of its symbols; None if it is not determined."""
+    """Return the dimension of an expression from the `known` dimensions of its symbols.
+
+    None if it is not determined.
+    """
     return UnitEquations(known).dimension(expression)
 
 
 def _wrong_dimension(
     part: CheckedPart, wrong: WrongTermError, equations: UnitEquations, plain: Mapping[Any, Any]
 ) -> str:
-    """Return the error message for a term with a wrong dimension. `plain` maps functions to symbols for messages."""
+    """Return the message for a term with a wrong dimension. `plain` maps functions of time to symbols for messages."""
     term = in_short(wrong.term, plain)
     contexts = {"whole": "", "sum": "like the other terms ", "power": "under a power that is not a number "}
     where = contexts[wrong.context] if wrong.context in contexts else f"in {in_short(wrong.within, plain)} "
@@ -236,7 +242,7 @@ def _wrong_dimension(
 
 
 def _wrong_unit(part: CheckedPart, wrong: WrongTermError, equations: UnitEquations, plain: Mapping[Any, Any]) -> str:
-    """Return the error message for a term in a wrong unit, without the remedy at its end."""
+    """Return the message for a term in a wrong unit, without the remedy at its end."""
     term, unit = in_short(wrong.term, plain), "times that of the other terms"
     if wrong.within is not None:
         term = f"{term} in {in_short(wrong.within, plain)}"
@@ -246,17 +252,17 @@ def _wrong_unit(part: CheckedPart, wrong: WrongTermError, equations: UnitEquatio
 
 
 class _Checker:
-    """Checks the unit of every term: its dimension and, with `scales`, the scale factor.
+    """Checker of the unit of every term: its dimension and, if `scales` is true, the scale factor.
 
-    In its methods `expected` is the required unit of an expression, or None if any is right. Units that are not
-    determined are right.
+    In its methods `expected` is the required unit of an expression, or None if any is right. An undetermined unit is
+    right.
     """
 
     def __init__(self, equations: UnitEquations, scales: bool) -> None:
         self.equations, self.scales, self.unit = equations, scales, equations.unit
 
     def fits(self, unit: UnitProduct | None, other: UnitProduct | None) -> bool:
-        """Return True if quantities in two units may be added; None is the unit of zero, which fits every unit."""
+        """Return True if quantities in two units may be added. None is the unit of zero, which fits every unit."""
         if unit is None or other is None:
             return True
         ratio = self.equations.reduced(unit.times(other, Fraction(-1)))
@@ -275,13 +281,13 @@ class _Checker:
         return unit
 
     def _sum(self, expression: Any, expected: UnitProduct | None) -> UnitProduct | None:
-        """Return the unit of a sum. Raises WrongTermError if terms differ, or if it is not the `expected` one.
+        """Return the unit of a sum. Raises WrongTermError if units of terms differ, or if their unit is not `expected`.
 
         All terms must have one unit: `expected` if some term has it, else the most frequent one.
         """
         units = list[tuple[Any, UnitProduct]]()
         for term in expression.args:
-            # A term that is a sum itself has no required unit.
+            # A term that is a sum has no required unit.
             is_sum = term.is_Add or isinstance(term, SAME_DIMENSION)
             unit = self.check(term, None) if is_sum else self._single(term, expected)
             units += [] if unit is None else [(term, unit)]
@@ -352,9 +358,9 @@ class _Checker:
 
 @lru_cache(maxsize=64)
 def check_event_dimensions(index: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement: Statement) -> None:
-    """Raise StatementError for an event, or its reset, with terms that differ in dimension or unit.
+    """Raise StatementError for terms of an event, or of its reset, that differ in dimension or unit.
 
-    `index` is that of the event, `zero` its function, and `resets` are pairs (reset variable, new value).
+    `index` is the number of the event, `zero` its expression, and `resets` are pairs (reset variable, new value).
     """
     known = dict(statement.dimensions) | dict(multiplier_dimensions(statement, statement.dimensions))
     known |= {symbol: dimension for symbol, _ in resets if (dimension := dimension_of(symbol, known)) is not None}
@@ -369,10 +375,10 @@ def check_event_dimensions(index: int, zero: Any, resets: tuple[tuple[Any, Any],
 def _without_own_numbers(value: Any, like: Any, known: Mapping[Any, Dimension]) -> Any:
     """Return an expression without parts that contain only numbers and t: the units of such numbers are not stated.
 
-    Such terms are left out, and such factors are replaced by 1: `a*sin(2*t) + 0.1` becomes a, an event `x - 3` is x.
-    Some such terms stay, because they need no unit: multiples of t beside terms that are times, as in `t - a`, or alone
-    if the expression should have the dimension of `like` and this is a time; and numbers beside ratios of quantities,
-    as in `x/a - 1`.
+    Such terms are left out, and such factors are replaced by 1: `a*sin(2*t) + 0.1` becomes a, and an event `x - 3`
+    becomes x. Some of these terms need no unit, and stay. Multiples of t stay beside terms that are times, as in `t -
+    a`, and alone if the expression should have the dimension of `like` and this is a time. Numbers stay beside ratios
+    of quantities, as in `x/a - 1`. `known` are the dimensions of symbols.
     """
     all_known = {t: named("second"), **known}
 
@@ -404,27 +410,27 @@ def _without_own_numbers(value: Any, like: Any, known: Mapping[Any, Dimension]) 
     return sympy.S.Zero if is_own(value) else replaced
 
 
-COHERENT = {"mass": "kg", "length": "m", "time": "s"}  # Base units of N, J, W and other units of the SI
+COHERENT = {"mass": "kg", "length": "m", "time": "s"}  # Base units of N, J, W and other SI units
 
 DERIVED = ("N", "N*m", "N/m", "N*s/m", "N*m*s", "W", "kg*m**2", "A", "V", "ohm", "H", "F", "C", "N*m/A")
 """Units that a remedy writes in place of products of kg, m, s and A."""
 
-LARGEST = 700.0  # Largest logarithm of a factor that is printed as a number: doubles overflow at 709
+LARGEST = 700.0  # Largest logarithm of a factor that is printed as a number, since doubles overflow at 709
 
 FIT = "state all symbols in units that fit together, such as kg, m and s, and angles in rad."
-"""The remedy for units that do not fit together."""
+"""End of a message on units that do not fit together: the remedy."""
 
-MOST_TRIED = 12  # Most symbols of which another unit is tried as a remedy. Each takes the time of one check.
-MOST_REMEDIES, MOST_NAMED = 2, 4  # Most remedies, and most stated units, that a message lists
+MOST_TRIED = 12  # Largest number of symbols for which another unit is tried. Each takes the time of one check.
+MOST_REMEDIES, MOST_NAMED = 2, 4  # Largest numbers of remedies and of stated units in a message
 
 
 def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], wrong_term: Any) -> str:
-    """Return a remedy for a term in a wrong unit, such as "x in cm instead of m".
+    """Return the remedy for a term in a wrong unit, such as "state x in cm instead of m.".
 
-    Other units are tried for one symbol after another, those in the term `wrong_term` first.
+    Other units are tried for one symbol after another. Symbols in the term `wrong_term` come first.
     """
     stated = [symbol for symbol, dimension in dimensions.items() if dimension.unit]
-    # Symbols of the term first: one of them is more often the wrong one.
+    # Symbols of the term come first, since one of them is more often the wrong one.
     stated.sort(key=lambda symbol: not wrong_term.has(symbol))
     mended = [
         f"{label_of(symbol)} in {unit} instead of {dimensions[symbol].unit}"
@@ -458,23 +464,26 @@ def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimensi
 
 
 def _completed(equations: UnitEquations, symbol: Any, dimension: Dimension) -> Dimension:
-    """Return `dimension` with the scale factor of the unit of `symbol`, as the unit equations determine it.
+    """Return `dimension` with the scale factor of the unit of `symbol` that follows from the unit equations.
 
-    The factor is None if the `equations` do not determine it.
+    The factor is None if `equations` do not determine it.
     """
     unit_dimension = equations.dimension(symbol)
     return replace(dimension, factor=None if unit_dimension is None else unit_dimension.factor)
 
 
 def _factor(logarithm: float) -> str:
-    """Return the factor of a unit as text, from its natural logarithm."""
+    """Return the scale factor of a unit as text, from its natural logarithm."""
     if abs(logarithm) < LARGEST:
         return f"{math.exp(logarithm):.6g}"
     return f"10**{logarithm / math.log(10):.0f}"
 
 
 def _check_inferred(stated: Sequence[Dimension], inferred: Mapping[Any, Dimension]) -> None:
-    """Raise StatementError for an inferred unit that is not a product of powers of the stated base units."""
+    """Raise StatementError for an inferred unit that is not a product of powers of the stated base units.
+
+    `stated` are the stated dimensions, and `inferred` maps symbols to dimensions.
+    """
     bases = _base_units(stated)
     for symbol, dimension in inferred.items():
         factor = dimension.factor
@@ -494,8 +503,8 @@ def _check_inferred(stated: Sequence[Dimension], inferred: Mapping[Any, Dimensio
 def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, tuple[float, Fraction]]]:
     """Return {base dimension: {unit: (logarithm of its factor, power)}} for the base units in the stated units.
 
-    The power is the exponent of the base dimension in the unit, such as -1 for Hz. Derived units such as N and J
-    contribute kg, m and s.
+    The power is the exponent of the base dimension in the unit, such as -1 for Hz. Derived units such as N and J add
+    kg, m and s.
     """
     bases: dict[str, dict[str, tuple[float, Fraction]]] = {"time": {"s": (0.0, Fraction(1))}}
     for name in (name for dimension in stated for name in units_in(dimension.unit)):
@@ -513,7 +522,7 @@ def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, tuple[float,
 def _made(
     bases: Mapping[str, Mapping[str, tuple[float, Fraction]]], dimension: Dimension
 ) -> Iterator[tuple[float, str]]:
-    """Yield (logarithm of its factor, text) of each product of powers of base units that has the given dimension."""
+    """Yield (logarithm of the factor, text) of each product of powers of base units that has this dimension."""
     for choice in product(*(bases[base].items() for base, _ in dimension.exponents)):
         pairs = zip(choice, dimension.exponents, strict=True)
         powers = [(text, factor, power / of_unit) for (text, (factor, of_unit)), (_, power) in pairs]

@@ -1,7 +1,7 @@
-"""Units of expressions as products of powers, some of them unknown, and the linear equations between units.
+"""Unit equations of expressions: terms of a sum have equal units, and arguments of functions are dimensionless.
 
-Terms of a sum have equal units, and arguments of functions are dimensionless. In logarithms these equations are linear.
-Each equation is solved for one unknown when it is stated.
+A unit is a product of powers, some of them unknown. In logarithms the equations are linear. Each equation is solved for
+one unknown when it is added.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ SAME_DIMENSION = (sympy.Abs, sympy.Min, sympy.Max)
 
 @dataclass(frozen=True)
 class CheckedPart:
-    """An expression of a statement, its name `what` in messages, and its required dimension and unit.
+    """Expression of a statement, its name `what` in messages, and its required dimension and unit.
 
     `like` is the name of a quantity, such as "energy", or a symbol with the required dimension and unit, or None if any
-    is right. If a symbol `per` is given, the requirement is on the expression times this symbol.
+    is right. If there is a symbol `per`, the requirement is on the expression times this symbol.
     """
 
     what: str
@@ -38,7 +38,7 @@ class CheckedPart:
 
 
 def in_short(term: Any, plain: Mapping[Any, Any]) -> str:
-    """Return a term as text for messages, at most 80 characters, in plain symbols, with tables as table(t)."""
+    """Return a term as text for messages, at most 80 characters, in plain symbols, with table(t) for a table over t."""
     named_tables = term.replace(
         lambda node: table_range(node) is not None, lambda node: sympy.Function("table")(node.args[0].cond.args[0].lhs)
     )
@@ -47,14 +47,14 @@ def in_short(term: Any, plain: Mapping[Any, Any]) -> str:
 
 
 def number_of(exponent: Any) -> Fraction | None:
-    """Return an exponent of a power as a fraction, None if it is not a number."""
+    """Return an exponent of a power as a fraction. None if it is not a number."""
     if exponent.is_Rational:
         return Fraction(int(exponent.p), int(exponent.q))
     return Fraction(float(exponent)).limit_denominator(1000) if exponent.is_Float else None
 
 
 def inner_parts(expression: Any, required: UnitProduct | None) -> Iterator[tuple[Any, UnitProduct | None]]:
-    """Yield (argument of a function or branch of a Piecewise, its required unit or None if any is right).
+    """Yield (argument of a function or branch of a Piecewise, required unit of it or None if any is right).
 
     `required` is the required unit of the whole expression. The argument of a table is a number. Quantities that are
     compared, such as both sides of a condition, are yielded as their difference.
@@ -77,7 +77,7 @@ def inner_parts(expression: Any, required: UnitProduct | None) -> Iterator[tuple
 
 
 class UnitFactor(NamedTuple):
-    """An unknown of the linear equations: the scale factor of the unit of `of`.
+    """Unknown of the linear equations: the scale factor of the unit of `of`.
 
     `of` is a symbol, or a required quantity such as "energy".
     """
@@ -87,7 +87,7 @@ class UnitFactor(NamedTuple):
 
 @dataclass(frozen=True)
 class UnitProduct:
-    """A unit as a product of powers of base dimensions, unknown symbols and unknown factors, without zero powers.
+    """Unit as a product of powers of base dimensions, unknown symbols and unknown factors, without zero powers.
 
     `powers` has the exponent of each base dimension by name, of each symbol whose dimension is unknown, and of each
     `UnitFactor`. `logarithm` is the natural logarithm of the known factor.
@@ -105,7 +105,7 @@ class UnitProduct:
         return cls(powers, dimension.factor or 0.0)
 
     def times(self, other: UnitProduct, power: Fraction = Fraction(1)) -> UnitProduct:
-        """Return the product of this unit and a power of another one."""
+        """Return the product of this unit and a power of the unit `other`."""
         powers = dict(self.powers)
         for name, exponent in other.powers.items():
             powers[name] = powers.get(name, Fraction(0)) + power * exponent
@@ -113,14 +113,15 @@ class UnitProduct:
         return UnitProduct(left, self.logarithm + float(power) * other.logarithm)
 
     def unknown(self, kind: type) -> Any:
-        """Return an unknown of this unit that is of class `kind`, a symbol or a `UnitFactor`; None if there is none."""
+        """Return an unknown of this unit that is of class `kind`, a symbol or a `UnitFactor`. None if there is none."""
         return next((name for name in self.powers if isinstance(name, kind)), None)
 
 
 class UnitEquations:
-    """Equations between units of expressions, and the values of the unknowns that they determine.
+    """Equations between units of expressions, and the values of the unknowns that follow from them.
 
-    `dimensions` are the known dimensions by symbol. Contradictions are ignored here: the first equation decides.
+    `dimensions` are the known dimensions by symbol, and `parts` the expressions. Contradictions are ignored here: the
+    first equation decides.
     """
 
     def __init__(self, dimensions: Mapping[Any, Dimension], parts: Sequence[CheckedPart] = ()) -> None:
@@ -135,7 +136,7 @@ class UnitEquations:
                 self._equate(unit, required)
 
     def required(self, part: CheckedPart) -> UnitProduct | None:
-        """Return the unit that the expression of `part` must have; None if any is right."""
+        """Return the unit that the expression of `part` must have. None if any is right."""
         if part.like is None:
             return None
         required = UnitProduct.of(named(part.like), part.like) if isinstance(part.like, str) else self.unit(part.like)
@@ -143,12 +144,12 @@ class UnitEquations:
         return None if required is None or over is None else required.times(over, Fraction(-1))
 
     def dimension(self, expression: Any) -> Dimension | None:
-        """Return the dimension of an expression; None if it is undetermined, or if the expression is zero."""
+        """Return the dimension of an expression. None if it is undetermined, or if the expression is zero."""
         unit = self.unit(expression)
         return None if unit is None else self.dimension_of_unit(unit)
 
     def dimension_of_unit(self, unit: UnitProduct) -> Dimension | None:
-        """Return the dimension of a unit; None if it is undetermined."""
+        """Return the dimension of a unit. None if it is undetermined."""
         unit = self.reduced(unit)
         if unit.unknown(sympy.Basic) is not None:
             return None
@@ -156,7 +157,7 @@ class UnitEquations:
         return Dimension.of(exponents, None if unit.unknown(UnitFactor) is not None else unit.logarithm)
 
     def unit(self, expression: Any) -> UnitProduct | None:
-        """Return the unit of an expression; None for zero, which fits every unit."""
+        """Return the unit of an expression. None for zero, which fits every unit."""
         if expression not in self.units:
             self.units[expression] = self._unit(expression)
         return self.units[expression]
@@ -183,7 +184,7 @@ class UnitEquations:
         return self._function(expression)
 
     def _product(self, factors: Sequence[tuple[Any, Fraction]]) -> UnitProduct | None:
-        """Return the unit of a product of powers; `factors` are pairs of base and exponent."""
+        """Return the unit of a product of powers. `factors` are pairs (base, exponent)."""
         total = UnitProduct()
         for factor, power in factors:
             unit = self.unit(factor)
@@ -193,7 +194,7 @@ class UnitEquations:
         return total
 
     def _common(self, terms: Sequence[Any]) -> UnitProduct | None:
-        """Add the equations that all terms have the same unit, and return this unit; None if all terms are zero."""
+        """Add the equations that all terms have the same unit, and return this unit. None if all terms are zero."""
         first = None
         for unit in map(self.unit, terms):
             if first is not None and unit is not None:
@@ -202,7 +203,7 @@ class UnitEquations:
         return first
 
     def _function(self, expression: Any) -> UnitProduct | None:
-        """Return the unit of a function or a Piecewise."""
+        """Return the unit of a function or a Piecewise, and add the equations of its arguments."""
         for argument, required in inner_parts(expression, None):
             if required is None:
                 self.unit(argument)

@@ -1,8 +1,8 @@
-"""Functions of numbers: the elementary ones, those with kinks or several arguments, and their names in texts.
+"""Tables of all functions that expressions may contain: elementary functions, min, abs, conditions, and their names.
 
 All stages read these tables. Names in SymPy, in Python's `math`, in NumPy, in mpmath and in C follow from the name of
-an elementary function. A language in which the function has another name, or is missing, states that in its own file.
-Square roots and cube roots are not in the tables, since they are powers.
+an elementary function. If the function is missing in a language, or has another name, the file of that language says
+so. Square roots and cube roots are not in the tables, since they are powers.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from mpmath import libmp
 
 from lagrange.statement.expression import modulo
 
-Rule = Callable[..., Any]  # A formula in numbers with Python's operators, such as nodes of a graph
+Rule = Callable[..., Any]  # Formula as a callable that uses Python's operators, so that it works with nodes of a graph
 
 
 @dataclass(frozen=True)
 class Elementary:
-    """An elementary function y = f(a) of one number.
+    """Elementary function y = f(a) of one number.
 
-    Its derivative is either `sign` / `slope(a)` or `derivative(y, a)`. Taylor coefficients follow from either,
+    Its derivative is either `sign` / `slope(a)` or `derivative(y, a)`. Taylor coefficients follow from the derivative,
     unless `lagrange.program.recurrence` has a rule for the function. The function is `odd`, `even` or neither. `exact`
-    is an argument with its value, both whole numbers. `pole` is the value at zero if that is infinite. `size` says
-    how the scale is found for deciding whether a value is zero: with "bounded" it is 1, since no value is larger, and
-    with "unit" at least 1, the unit of an angle or a logarithm. `spread` is the cause of lost digits: a "periodic"
-    argument, or a "growing" value. `everywhere` is true if every number has a value.
+    is an argument with its value, both whole numbers. `pole` is the value at zero if it is infinite. `size` is the
+    scale of values in tests for zero: "bounded" means 1, since no value is larger, and "unit" means at least 1, as for
+    an angle or a logarithm. `spread` is the cause of lost digits: a "periodic" argument, or a "growing" value.
+    `everywhere` is true if the function is defined for all numbers.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Elementary:
 
     @property
     def partial(self) -> Rule:
-        """The derivative of this function, as a callable of its value y and its argument a."""
+        """Derivative of this function, as a callable of its value y and its argument a."""
         if self.slope is None:
             assert self.derivative is not None
             return self.derivative
@@ -63,27 +63,27 @@ class Elementary:
 
     @cached_property
     def of_float(self) -> Callable[[float], float]:
-        """The function for Python floats; it raises an exception where there is no finite value."""
+        """The function for Python floats. It raises an exception if there is no finite value."""
         function: Callable[[float], float] = getattr(math, self.name)
         return function
 
     @cached_property
     def of_array(self) -> Callable[..., Any]:
-        """The function for numbers and arrays: NumPy's, or the function for floats applied to each entry."""
+        """The function for numbers and arrays: NumPy's function, or the function for floats applied to each entry."""
         return getattr(np, self.array_name, self._each)
 
     @property
     def array_name(self) -> str:
-        """The name of this function in NumPy, such as "arcsin" for asin, if NumPy has the function."""
+        """Name of this function in NumPy, such as "arcsin" for asin, if NumPy has the function."""
         return f"arc{self.name[1:]}" if self.name.startswith("a") else self.name
 
     def _each(self, a: Any) -> Any:
-        """Return the values of this function for a number, or for each entry of an array."""
+        """Return the values of this function for a number, or for each entry of an array of any shape."""
         return np.array([self.of_float(x) for x in np.ravel(a).tolist()]).reshape(np.shape(a))[()]
 
     @cached_property
     def precise(self) -> Callable[..., Any]:
-        """The function in mpmath, of one of mpmath's raw numbers and a precision in bits."""
+        """The function in mpmath. Its arguments are a raw number of mpmath and a precision in bits."""
         function: Callable[..., Any] = getattr(libmp, f"mpf_{self.name}")
         return function
 
@@ -123,7 +123,7 @@ ELEMENTARY: Mapping[str, Elementary] = {
         ),
     )
 }
-"""Every elementary function of one number by name."""
+"""Elementary functions of one number, by name."""
 
 
 # --- functions of nodes
@@ -131,12 +131,12 @@ ELEMENTARY: Mapping[str, Elementary] = {
 
 @dataclass(frozen=True)
 class Function:
-    """A function that nodes of a graph may call: its name, number of arguments (None: any) and derivative rules.
+    """Function that nodes of a graph may call: its name, number of arguments `arity` (None: any) and derivative rules.
 
     `partials` has one rule for each argument, which returns the derivative from the function's value and its arguments.
-    min and max always equal one of their two arguments. They have no rules. Instead `first` returns the condition that
-    the result is the first argument. They are differentiated as a choice, which ignores an infinite derivative of the
-    argument not chosen.
+    min and max have no such rules, since they equal one of their two arguments. Instead `first` returns the condition
+    that the result is the first argument. They are differentiated as a choice, which ignores an infinite derivative of
+    the argument not chosen.
     """
 
     name: str
@@ -177,7 +177,7 @@ EVEN = frozenset(("abs", *(elementary.name for elementary in ELEMENTARY.values()
 EXACT: dict[tuple[Any, ...], int] = {
     (elementary.name, elementary.exact[0]): elementary.exact[1] for elementary in ELEMENTARY.values()
 }
-"""Exact values, used to fold constants: (function, argument) to value."""
+"""Exact values, used to fold constants: {(function, argument): value}."""
 
 FOLDS: dict[str, Callable[..., Any]] = {
     "abs": abs,
@@ -185,7 +185,7 @@ FOLDS: dict[str, Callable[..., Any]] = {
     "min": min,
     "max": max,
 }
-"""Functions that fold exact numbers to exact numbers."""
+"""Functions that map exact numbers to exact numbers, used to fold constants."""
 
 
 # --- functions in texts
@@ -193,7 +193,10 @@ FOLDS: dict[str, Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class FunctionWord:
-    """A function: its name in texts, its constructor in SymPy, and the fewest and most arguments (None: no limit)."""
+    """Function that texts may contain: its name, its constructor in SymPy, and the fewest and most arguments.
+
+    None as `most` means any number.
+    """
 
     name: str
     build: Callable[..., Any]
@@ -221,11 +224,11 @@ WORDS: dict[str, FunctionWord] = {
 }
 
 ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log", "Heaviside": "heaviside", "Mod": "mod"}
-"""Other spellings of functions in texts."""
+"""Other spellings of functions in texts, with the names in `WORDS`."""
 
 FUNCTION_NAMES = frozenset((*WORDS, *ALIASES))  # Names of functions in every spelling
 
 NAME_OF_CLASS: Mapping[Any, str] = {word.build: name for name, word in WORDS.items() if isinstance(word.build, type)}
-"""Name in texts by SymPy class."""
+"""Names of functions in texts, by SymPy class."""
 
-SYMPY_CLASSES = frozenset((*NAME_OF_CLASS, sympy.Piecewise))  # SymPy function classes that an energy may contain
+SYMPY_CLASSES = frozenset((*NAME_OF_CLASS, sympy.Piecewise))  # SymPy classes of functions that an energy may contain
