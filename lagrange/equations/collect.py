@@ -53,7 +53,10 @@ def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
 
 
 def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum after merging terms that differ in powers of a sum in parentheses, if fewer terms result."""
+    """Return the sum `terms`, shortened by multiplying out powers of sums in parentheses and merging like terms.
+
+    A factor such as (x + y) is multiplied out only if fewer terms result.
+    """
     sums = list(dict.fromkeys(k for monomial in terms for k, _ in monomial if algebra.factors[k].is_Add))
     for k in sums:
         if len(algebra.factors[k].args) <= LONGEST_SUM and _worthwhile(algebra, terms, k):

@@ -26,8 +26,9 @@ TERM_ROUND_OFF = 1e-12  # Rounding threshold: values below this fraction of thei
 class ConstraintEquations:
     """Equations of m constraints on n coordinates, as nodes.
 
-    `positions` has phi of each holonomic constraint, and None for the others. `velocities` has psi, `gradient` the m
-    rows of G, and `bias` gamma. `rest` is psi with all velocities zero.
+    `positions` has phi of each holonomic constraint phi(q, t) = 0, and None for the others. `velocities` has psi, which
+    is dphi/dt or the constraint as stated in velocities. `gradient` has the m rows of G = dpsi/dv, and `bias` has
+    gamma, which is dpsi/dt without the term of accelerations G a. `rest` is psi with all velocities zero.
     """
 
     names: tuple[str, ...] = ()
@@ -69,7 +70,7 @@ class ConstraintEquations:
         return self.names, self.positions, self.velocities, self.gradient, self.bias, self.rest
 
     def forces(self, multipliers: Sequence[Node]) -> list[Node]:
-        """Return the generalized forces G^T lambda, one for each coordinate."""
+        """Return the generalized forces of the constraints with these multipliers: G^T lambda, n nodes."""
         graph = multipliers[0].graph
         return [
             graph.sum([(1, row[i] * multiplier) for row, multiplier in zip(self.gradient, multipliers, strict=True)])
@@ -78,7 +79,7 @@ class ConstraintEquations:
 
 
 def check_rows(stated: Sequence[Constraint], constraints: ConstraintEquations) -> None:
-    """Raise StatementError for a constraint that contains no velocity: all entries of its row of G are zero."""
+    """Raise StatementError for a constraint that no velocity changes: its row of the gradient has only zeros."""
     for constraint, row in zip(stated, constraints.gradient, strict=True):
         if all(entry is entry.graph.zero for entry in row):
             raise StatementError(empty_constraint(constraint.name, value_somewhere(constraint.expression), 1.0))

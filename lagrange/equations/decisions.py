@@ -98,8 +98,9 @@ def seen_mixed(statement: Statement) -> bool:
 def seen_turning(stated: StatedAlgebra) -> bool:
     """Return True if L has the terms of a moving frame: v M v/2 + a v + a M^-1 a/2, of which the last are centrifugal.
 
-    L of a charge in a field also has terms of first degree and of degree zero, but no centrifugal terms. Terms are
-    compared one by one. So a centrifugal term that was merged with another term is not recognised.
+    v are the velocities, M is the mass matrix, and a is a vector that depends on coordinates. L of a charge in a field
+    also has terms of first degree and of degree zero, but no centrifugal terms. Terms are compared one by one. So a
+    centrifugal term that was merged with another term is not recognised.
     """
     algebra, n = stated.algebra, len(stated.q)
     terms = canonical(algebra, stated.lagrangian)
@@ -147,7 +148,8 @@ Values = dict[Node, Any]
 class StatedLaws:
     """Expressions of the equations of motion as graph nodes.
 
-    `extra` is Q - dD/dv, `forces` is dL/dq + extra, and `bias` is the right-hand side h of M a = h.
+    `extra` are the stated forces less those of the dissipation, Q - dD/dv. `forces` is dL/dq + extra, with the
+    Lagrangian L. `bias` is the right-hand side h of M a = h, with the mass matrix M and the accelerations a.
     """
 
     q: tuple[Node, ...]
@@ -176,7 +178,7 @@ class Decisions:
 
     @cached_property
     def timeless(self) -> Verdict:
-        """True if dL/dt = 0, False if not, None if undecided."""
+        """True if the Lagrangian does not depend on time, False if it does, None if undecided."""
 
         def slope(point: Values) -> bool | None:
             rate = self._rate(self.laws.lagrangian, point)
@@ -186,13 +188,13 @@ class Decisions:
         return self._decided(absent, slope, lambda stated: _free_of(stated, stated.time))
 
     def absent(self, i: int) -> bool:
-        """Return True if the Lagrangian as stated does not contain the coordinate q_i."""
+        """Return True if the Lagrangian as stated does not contain coordinate number `i`."""
         return not _depends_on(self.laws.lagrangian, [self.laws.q[i]])
 
     def cyclic(self, i: int) -> Verdict:
-        """Return True if dL/dq_i = 0, False if not, None if undecided.
+        """Return True if the Lagrangian does not depend on coordinate number `i`, False if it does, None if undecided.
 
-        Coordinate number i must have no force and no dissipation.
+        The coordinate must have no force and no dissipation.
         """
 
         def slope(point: Values) -> bool | None:
@@ -203,7 +205,10 @@ class Decisions:
 
     @cached_property
     def powerless(self) -> Verdict:
-        """True if the rate of the energy, -dL/dt + (Q - dD/dv) . v, is zero; False if not, None if undecided."""
+        """True if the rate of the energy, -dL/dt + (Q - dD/dv) . v, is zero; False if not, None if undecided.
+
+        L is the Lagrangian, Q are the stated forces, and D is the dissipation.
+        """
         if self.power_seen is not None or self._has_power:
             return self.power_seen
         if self._forceless and self.timeless is True:

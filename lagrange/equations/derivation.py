@@ -210,7 +210,7 @@ class Derivation:
 
     @cached_property
     def right_sides(self) -> Mapping[Any, Any]:
-        """Right-hand sides h of M a = h + G^T lambda, {coordinate: expression}."""
+        """Right-hand sides h of M a = h + G^T lambda, {coordinate: expression}, with the mass matrix M."""
         return self._each("the equations of motion", lambda page: map(page.show, page.right_sides))
 
     @cached_property
@@ -326,7 +326,7 @@ class Derivation:
 
     @cached_property
     def _keeps_its_sum(self) -> bool:
-        """True if the energy is shown as the stated T + V: L is short, and T + V equals v . p - L.
+        """True if the energy is shown as the stated sum T + V, because L is short and this sum equals v . p - L.
 
         They are equal if every term of T has degree two in the velocities and V contains no velocities.
         """

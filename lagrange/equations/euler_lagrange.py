@@ -78,7 +78,8 @@ Matrix = Sequence[Sequence[Node]]
 class MotionForm:
     """Equations of motion in the form that is solved: momenta p, forces f and bias h, with n entries each.
 
-    They are dp/dt = f + G^T lambda, and M a = h + G^T lambda.
+    The equations are dp/dt = f + G^T lambda, and M a = h + G^T lambda. M is the mass matrix, a are the accelerations,
+    and G^T lambda the forces of constraints with the multipliers lambda.
     """
 
     momenta: tuple[Node, ...]
@@ -367,10 +368,7 @@ class Equations:
 
 
 def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> Equations:
-    """Return the equations of motion.
-
-    `kept` are the indices of the independent constraints, None for all constraints.
-    """
+    """Return the equations of motion. `kept` are the indices of the independent constraints (None: all)."""
     graph = Graph()
     q, v, time, parameters = _symbols(graph, statement)
     symbols = (*statement.coordinates, *statement.velocities, t, *statement.parameters)
@@ -432,22 +430,25 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
 
 
 def conjugate_momenta(lagrangian: Node, v: Sequence[Node]) -> list[Node]:
-    """Return p = dL/dv."""
+    """Return the momenta p = dL/dv, one for each of the velocities `v`. L is the Lagrangian."""
     return gradient(lagrangian, v)
 
 
 def applied_forces(forces: Sequence[Node], dissipation: Node, v: Sequence[Node]) -> list[Node]:
-    """Return the generalized forces Q - dD/dv, where D is the dissipation."""
+    """Return the stated `forces` Q less the forces dD/dv of the dissipation D, one for each of the velocities `v`."""
     return [force - drag for force, drag in zip(forces, gradient(dissipation, v), strict=True)]
 
 
 def generalized_forces(lagrangian: Node, q: Sequence[Node], applied: Sequence[Node]) -> list[Node]:
-    """Return f = dL/dq + Q - dD/dv for each coordinate q. `applied` has Q - dD/dv, where D is the dissipation."""
+    """Return the forces dL/dq + `applied`, one for each of the coordinates `q`. L is the Lagrangian."""
     return [slope + force for slope, force in zip(gradient(lagrangian, q), applied, strict=True)]
 
 
 def mass_matrix(momenta: Sequence[Node], v: Sequence[Node]) -> tuple[tuple[Node, ...], ...]:
-    """Return M = dp/dv, n rows. The matrix is symmetric: its upper triangle is copied from the lower."""
+    """Return the mass matrix M = dp/dv, n rows, from the momenta p and the velocities `v`.
+
+    M is symmetric: its upper triangle is copied from the lower one.
+    """
     n = len(v)
     rows: list[list[Node]] = [[] for _ in range(n)]
     for j in range(n):
@@ -458,7 +459,10 @@ def mass_matrix(momenta: Sequence[Node], v: Sequence[Node]) -> tuple[tuple[Node,
 
 
 def check_inertia(names: Sequence[str], laws: StatedLaws, first_order: Sequence[int]) -> None:
-    """Raise StatementError for a coordinate whose rows of M and G^T are zero, unless its index is in `first_order`."""
+    """Raise StatementError for a coordinate without inertia and without constraints, unless it is of first order.
+
+    `laws` has the mass matrix, and `first_order` the indices of coordinates of first order.
+    """
     for i, (name, row) in enumerate(zip(names, laws.mass, strict=True)):
         column = (line[i] for line in laws.constraints.gradient)
         if i not in first_order and all(entry is entry.graph.zero for entry in (*column, *row)):
@@ -477,20 +481,29 @@ def no_inertia(name: str) -> str:
 def bias_forces(
     forces: Sequence[Node], momenta: Sequence[Node], q: Sequence[Node], v: Sequence[Node], time: Node
 ) -> list[Node]:
-    """Return h = f - (dp/dq) v - dp/dt, n nodes, so that M a = h."""
+    """Return the right-hand sides h = f - (dp/dq) v - dp/dt of the equations M a = h, n nodes.
+
+    f are the `forces`, p the `momenta`, M is the mass matrix, and a are the accelerations.
+    """
     along = tangents(momenta, {**dict(zip(q, v, strict=True)), **time.graph.rates})
     return [force - along(momentum) for force, momentum in zip(forces, momenta, strict=True)]
 
 
 def jacobi_integral(lagrangian: Node, momenta: Sequence[Node], v: Sequence[Node]) -> Node:
-    """Return v.p - L, which is T + V if T is quadratic in the velocities and V contains no velocities."""
+    """Return the Jacobi integral v.p - L of the Lagrangian L, where p are the `momenta`.
+
+    It is T + V if the kinetic energy T is quadratic in the velocities `v`, and the potential V does not contain them.
+    """
     graph = lagrangian.graph
     powers = [(1, graph.product(pair)) for pair in zip(v, momenta, strict=True)]
     return graph.sum([*powers, (-1, lagrangian)])
 
 
 def system_matrix(mass: tuple[tuple[Node, ...], ...], constraints: ConstraintEquations) -> tuple[tuple[Node, ...], ...]:
-    """Return [[M, G^T], [G, 0]], or M without constraints."""
+    """Return the matrix [[M, G^T], [G, 0]] of the linear system for accelerations and multipliers.
+
+    M is the mass matrix, which is the result without constraints. G has the gradients of the constraints.
+    """
     if not len(constraints):
         return mass
     gradient, zero = constraints.gradient, mass[0][0].graph.zero
@@ -501,7 +514,10 @@ def system_matrix(mass: tuple[tuple[Node, ...], ...], constraints: ConstraintEqu
 def solve_motion(
     plan: SolvePlan, matrix: Sequence[Sequence[Node]], bias: Sequence[Node], constraints: ConstraintEquations
 ) -> tuple[list[Node], list[Node]]:
-    """Return a and lambda, the solution of M a = h + G^T lambda and G a + gamma = 0; `bias` is h."""
+    """Return the accelerations a and the multipliers lambda of M a = h + G^T lambda and G a + gamma = 0.
+
+    `matrix` is [[M, G^T], [G, 0]], `plan` is the plan to solve it, and `bias` is h. `constraints` has gamma.
+    """
     unknowns = plan.solved(matrix, [*bias, *(-gamma for gamma in constraints.bias)])
     n = len(bias)
     return unknowns[:n], [-unknown for unknown in unknowns[n:]]

@@ -85,17 +85,20 @@ def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
 
 
 def scales(mass: FloatArray, gradient: FloatArray) -> FloatArray:
-    """Return the scale factors s (n + m,) of rows and columns that balance [[M, G^T], [G, 0]]."""
+    """Return the factors s (n + m,) that balance rows and columns of [[M, G^T], [G, 0]].
+
+    `mass` is the mass matrix M (n, n), and `gradient` the gradient G (m, n) of the constraints.
+    """
     return balanced(_whole(mass, gradient))[1]
 
 
 def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | None = None) -> Singular | None:
     """Return the combination of constraints, or the motion with little inertia, that is nearest to singular.
 
-    `mass` is M (n, n), and `gradient` G (m, n). A combination of constraints is singular if the same combination of the
-    rows of G is zero. Returns None if an entry of a matrix is not finite. `scale` (n + m,) are the scale factors of
-    another state: a row that has become much smaller since that state counts as nearly zero. With None the factors are
-    computed for this state.
+    `mass` is the mass matrix M (n, n), and `gradient` the gradient G (m, n) of the constraints. A combination of
+    constraints is singular if the same combination of the rows of G is zero. Returns None if an entry of a matrix is
+    not finite. `scale` (n + m,) are the scale factors of another state: a row that has become much smaller since that
+    state counts as nearly zero. With None the factors are computed for this state.
     """
     n, m = len(mass), len(gradient)
     if not (np.isfinite(mass).all() and np.isfinite(gradient).all()):
@@ -142,9 +145,9 @@ def _dependent(scaled: FloatArray, scale: FloatArray, *, alike: bool) -> Singula
 def matrices_at(
     provider: Provider, equations: Equations, t: Any, y: FloatArray, parameters: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return M (n, n) and G (m, n) at a state `y` (2n,), or M (n, n, k) and G (m, n, k) at k states (2n, k).
+    """Return the mass matrix (n, n) and the gradient of the constraints (m, n) at a time `t` and a state `y` (2n,).
 
-    `t` is a time, or k times (k,). `provider` has the functions that evaluate the two matrices.
+    For k times (k,) and states (2n, k) the shapes are (n, n, k) and (m, n, k). `provider` evaluates the matrices.
     """
     constraints, n = equations.constraints, len(equations.q)
     entries = tuple(entry for row in constraints.gradient for entry in row)

@@ -50,7 +50,10 @@ def has_large_block(nonzero: Sequence[Sequence[bool]]) -> bool:
 def expanded_cofactors(
     algebra: Algebra, matrix: Sequence[Sequence[MonomialSum]], bias: Sequence[MonomialSum]
 ) -> tuple[list[MonomialSum], MonomialSum]:
-    """Return the numerators of M^-1 h and their denominator, the determinant, multiplied out and merged."""
+    """Return the numerators of the solution x of matrix * x = bias, and their denominator, the determinant.
+
+    They are sums of monomials, multiplied out and merged.
+    """
     n = len(matrix)
     others = [tuple(k for k in range(n) if k != i) for i in range(n)]
     cofactors = [[_minor(algebra, matrix, others[i], others[j], (-1) ** (i + j)) for j in range(n)] for i in range(n)]
@@ -112,7 +115,7 @@ zero, and all are short."""
 
 
 class NestedCofactors:
-    """Solution M^-1 h by cofactors that are not multiplied out. Each minor is one shared expression.
+    """Solution x of matrix * x = bias by cofactors that are not multiplied out. Each minor is one shared expression.
 
     `longest` is the largest number of operations of a printed formula. TooLargeError is raised for longer formulas, and
     for more than `MOST_MINORS` minors.
@@ -126,7 +129,7 @@ class NestedCofactors:
         self._minors: dict[tuple[tuple[int, ...], tuple[int, ...]], tuple[Any, int]] = {}
 
     def solution(self) -> list[Any]:
-        """Return M^-1 h, n expressions with the determinant as denominator."""
+        """Return the solution, n expressions with the determinant as denominator."""
         n = len(self._matrix)
         everything = tuple(range(n))
         others = [everything[:i] + everything[i + 1 :] for i in everything]

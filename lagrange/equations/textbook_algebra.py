@@ -127,7 +127,10 @@ class StatedAlgebra:
 
     @cached_property
     def power(self) -> MonomialSum:
-        """Rate of the energy without constraints, -dL/dt + (Q - dD/dv) . v."""
+        """Rate of the energy without constraints: -dL/dt + (Q - dD/dv) . v.
+
+        L is the Lagrangian, Q are the stated forces, and D is the dissipation.
+        """
         algebra = self.algebra
         work = [algebra.multiply(force, self.symbol(v)) for force, v in zip(self.applied, self.v, strict=True)]
         return algebra.add(algebra.scale(algebra.differentiate(self.lagrangian, self.time), S.NegativeOne), *work)
@@ -272,7 +275,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def right_sides(self) -> list[MonomialSum]:
-        """Right-hand sides h = Q - remainder of M a = h + G^T lambda, one for each coordinate."""
+        """Right-hand sides h of M a = h + G^T lambda, one for each coordinate: the stated forces less `remainders`."""
         forces = [self.read(force) for force in self.statement.forces]
         return [
             self.algebra.merge_angles(self.algebra.add(force, self.algebra.scale(rest, S.NegativeOne)))
@@ -296,7 +299,8 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def gradient(self) -> list[list[MonomialSum]]:
-        """The m rows of G: dphi/dq of a holonomic constraint, or dpsi/dv of a constraint on velocities."""
+        """Gradients of the m constraints: dphi/dq for a holonomic one, phi = 0, and dpsi/dv for psi = 0 on velocities.
+        """
         rows = []
         for constraint in self.statement.constraints:
             zero, symbols = self.read(constraint.expression), self.q if constraint.holonomic else self.v
@@ -320,7 +324,10 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def apart_from_multipliers(self) -> tuple[list[MonomialSum], list[list[MonomialSum]]]:
-        """Right-hand sides h without multipliers, and the rows of B, the derivatives of h by the multipliers."""
+        """Right-hand sides h without the terms that contain multipliers, and the derivatives of h by the multipliers.
+
+        The derivatives are rows, one for each coordinate.
+        """
         algebra, symbols = self.algebra, [constraint.multiplier for constraint in self.statement.constraints]
         minus = partial(algebra.scale, number=S.NegativeOne)
         pushes = [[algebra.differentiate(right, s) for s in symbols] for right in self.right_sides]
@@ -333,10 +340,10 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def motion(self) -> list[Any]:
-        """The accelerations, followed by the multipliers lambda if there are constraints, solved block by block.
+        """The accelerations a, followed by the multipliers lambda if there are constraints, solved block by block.
 
-        They solve M a - (G^T + B) lambda = Q - remainder and G a = -gamma. B lambda is the part of the stated forces
-        that contains multipliers.
+        They solve M a - (G^T + B) lambda = h and G a = -gamma, where M is the mass matrix and G the gradient of the
+        constraints. B lambda is the part of the stated forces that contains multipliers, and h has the other terms.
         """
         if has_large_block([list(map(bool, row)) for row in self.mass]):
             raise TooLargeError

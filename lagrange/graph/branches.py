@@ -104,9 +104,9 @@ def where_read(node: Node, condition: Node) -> Node:
 def square_roots(graph: Graph, nodes: tuple[Node, ...]) -> Mapping[Node, Node]:
     """Return {sqrt(base): power} for the bases of the fractional powers on which the nodes depend.
 
-    The power of a base is the one with the least magnitude of its exponent. A root has the value 1 if the nodes do not
-    use it. Powers of positions with exponents of at most -1 are left out. The result is cached, since many runs have
-    the same events.
+    Taylor series end at the zeros of these roots. `power` is the power of the base with the least magnitude of its
+    exponent. A root has the value 1 if the nodes do not use it. Powers of positions with exponents of at most -1 are
+    left out. The result is cached, since many runs have the same events.
     """
     powers = [node for node in reachable(nodes) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
     bases: dict[Node, Node] = {}

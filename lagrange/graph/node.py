@@ -282,7 +282,7 @@ class Graph:
         return self._intern(Kind.SUM, (whole,), (0, (exact(coefficient),)))
 
     def power(self, base: Node, exponent: Exact) -> Node:
-        """Return base ** exponent for an exact exponent."""
+        """Return the node of base ** exponent. The exponent is an int or a Fraction."""
         if exponent == 0:
             return self.one
         if exponent == 1:
@@ -426,7 +426,7 @@ def _constant_power(base: Exact, exponent: int) -> Exact:
 
 
 def rebuild(node: Node, args: Sequence[Node]) -> Node:
-    """Return the node with other arguments, simplified as when it was first built."""
+    """Return a node of the same kind and data as `node` with the arguments `args`, simplified as all new nodes."""
     graph = node.graph
     if all(new is old for new, old in zip(args, node.args, strict=True)):
         return node

@@ -386,7 +386,7 @@ def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any
 def _forces(forces: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
     """Return {coordinate: generalized force}, and add the symbols of the forces to `survey`.
 
-    `by_name` has coordinates.
+    `by_name` maps names to the coordinates of the system.
     """
     table: dict[Any, Any] = {}
     forces = forces_on_coordinates(forces, by_name.values())

@@ -73,9 +73,9 @@ def _refusal(instead: str) -> Callable[..., NoReturn]:
 class Rotation(NonScalar):
     """Rotation R in SO(3), from the axes of a body to those of space, made by `lagrange.rotation`.
 
-    `body` and `space` are its rates about the axes of the body and of space, each a vector of three expressions. `R *
-    v` is a vector v of the body in the axes of space, `R.T * v` a vector of space in the axes of the body, and `R[i,
-    j]` an entry of the matrix. `quaternion` has the four coordinates: the scalar, then the vector. `turns` are
+    `body` and `space` are its rates about the axes of the body and of space, each a vector of three expressions. A
+    product R*v is a vector v of the body in the axes of space, R.T*v is a vector of space in the axes of the body, and
+    R[i, j] is an entry of the matrix. `quaternion` has the four coordinates: the scalar, then the vector. `turns` are
     quasi-coordinates: small rotations about the axes of the body, whose rates are `body`. Derivations use them.
     """
 

@@ -56,9 +56,9 @@ class UnevaluatedGuard(Guard):
     def enter(self, node: Any) -> None:
         """Record three properties of a checked subexpression, on which later checks depend.
 
-        It contains a Piecewise; it contains a symbol or function that is replaced before SymPy evaluates the
-        expression; it is a constant computed from several numbers. Raises RefusalError for a subexpression that SymPy
-        would later take too long to evaluate.
+        The properties are: it contains a Piecewise, it contains a symbol or function that is replaced before SymPy
+        evaluates the expression, and it is a constant computed from several numbers. Raises RefusalError for a
+        subexpression that SymPy would later take too long to evaluate.
         """
         if isinstance(node, sympy.Piecewise) or any(part in self.branched for part in node.args):
             self.branched.add(node)

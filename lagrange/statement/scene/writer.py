@@ -326,7 +326,7 @@ class _SceneWriter:
         return [*energies, typed.dissipation, *typed.forces, *constraints, *contacts, *points, *events]
 
     def named_tables(self, taken: list[str]) -> Iterator[tuple[str, str]]:
-        """Yield (name, text) of each table of measured values. In `leaves` the name becomes the text of its spline."""
+        """Yield (name, text) of each table of measured values, and record the name as the text of its spline."""
         plain = SharedText((), dict(self.leaves), taken)
         nodes = dict.fromkeys(
             node for root in self.roots() for node in sorted(root.atoms(sympy.Piecewise), key=sympy.default_sort_key)

@@ -159,7 +159,8 @@ class Formula:
 
     @property
     def terms(self) -> list[str]:
-        """Strict texts of the terms of the outermost sum, except terms that contain d/dt of an expression."""
+        """Terms of the outermost sum, texts in the strict notation, without terms that contain d/dt of an expression.
+        """
         terms, depth = [""], 0
         for piece in re.split(r"( [+-] |[()])", self.text):
             depth += (piece == "(") - (piece == ")")

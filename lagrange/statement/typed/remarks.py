@@ -412,7 +412,7 @@ class Definition:
 
 
 def _defining_sides(clause: Clause, uses: Uses, names: Names) -> list[list[Token]]:
-    """Return the sides of a clause by which it may define a name, without "const", general laws and unused names.
+    """Return the sides of a clause that is tried as a definition, without "const", general laws and unused names.
 
     Examples: p = dL/dx' = m x' defines p. Of the unknown names in p = m r^2 phi' = l, the last one that other clauses
     contain is defined.

@@ -23,7 +23,7 @@ _ABOVE_TIME = r"(?:(?!\\partial)[^=+\n]){0,24}\}\s*\{\s*\\partial\s*t(?![A-Za-z]
 
 
 def _marked(match: re.Match[str]) -> str:
-    """Return the text of one matrix on one line, with single characters in place of its LaTeX commands."""
+    """Return the text of a LaTeX matrix on one line, in which single characters replace the commands."""
     group = 3 if match.group(2) is None else 2
     inside = _ROW_BREAK.sub(lambda row: ROW.ljust(len(row.group())), match.group(group)).rstrip(f"{ROW} \n")
     inside = inside.replace("&", CELL).replace("\n", " ").ljust(len(match.group(group)))

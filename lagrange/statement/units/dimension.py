@@ -324,9 +324,10 @@ def read_dimensions(table: Any, known: Mapping[str, Any]) -> dict[Any, Dimension
 
 
 def with_dimensions_of_rates(stated: Mapping[Any, Dimension]) -> dict[Any, Dimension]:
-    """Return {symbol: dimension}, in which functions x replace their derivatives x.dot.
+    """Return {symbol: dimension}, in which an entry of a derivative x.dot becomes an entry of the function x.
 
-    Raises StatementError if the stated dimensions of x and x.dot contradict each other.
+    The dimension of x is that of x.dot times a time. Raises StatementError if the stated dimensions of x and x.dot
+    contradict each other.
     """
     dimensions = {symbol: dimension for symbol, dimension in stated.items() if not isinstance(symbol, sympy.Derivative)}
     time = dimensions.get(t, named("second"))

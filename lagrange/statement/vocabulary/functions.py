@@ -29,10 +29,10 @@ class Elementary:
 
     Its derivative is either `sign` / `slope(a)` or `derivative(y, a)`. Taylor coefficients follow from the derivative,
     unless `lagrange.program.recurrence` has a rule for the function. The function is `odd`, `even` or neither. `exact`
-    is an argument with its value, both whole numbers. `pole` is the value at zero if it is infinite. `size` is the
-    scale of values in tests for zero: "bounded" means 1, since no value is larger, and "unit" means at least 1, as for
-    an angle or a logarithm. `spread` is the cause of lost digits: a "periodic" argument, or a "growing" value.
-    `everywhere` is true if the function is defined for all numbers.
+    is a pair (argument, value) of whole numbers. `pole` is the value at zero if it is infinite. `size` is the scale of
+    values in tests for zero: "bounded" means 1, since no value is larger, and "unit" means at least 1, as for an angle
+    or a logarithm. `spread` is the cause of lost digits: a "periodic" argument, or a "growing" value. `everywhere` is
+    true if the function is defined for all numbers.
     """
 
     name: str
