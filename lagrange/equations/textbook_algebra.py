@@ -299,8 +299,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def gradient(self) -> list[list[MonomialSum]]:
-        """Gradients of the m constraints: dphi/dq for a holonomic one, phi = 0, and dpsi/dv for psi = 0 on velocities.
-        """
+        """Gradients of the m constraints: dphi/dq for phi = 0 on positions, and dpsi/dv for psi = 0 on velocities."""
         rows = []
         for constraint in self.statement.constraints:
             zero, symbols = self.read(constraint.expression), self.q if constraint.holonomic else self.v

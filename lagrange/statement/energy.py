@@ -242,7 +242,7 @@ def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] 
     direction = vector([0] * (len(point) - 1) + [1] if up is None else up, "the upward direction")
     if len(direction) != len(point):
         raise StatementError(
-            f"up has {len(direction)} components and the position {len(point)}: give both the same number."
+            f"up has {len(direction)} components and the position {len(point)}: give both the same number of components."
         )
     length = sympy.sqrt(sum(d**2 for d in direction))
     if length == 0:
@@ -263,7 +263,7 @@ def spring(stiffness: Any, a: Sequence[Any] | Any, b: Sequence[Any] | Any | None
     k, rest = expression(stiffness, "the stiffness"), expression(rest_length, "the rest length")
     if len(start) != len(end):
         raise StatementError(
-            f"the ends of the spring have {len(start)} and {len(end)} components: give both the same number."
+            f"the ends of the spring have {len(start)} and {len(end)} components: give both the same number of components."
         )
     squared = sum(((p - q) ** 2 for p, q in zip(start, end, strict=True)), sympy.S.Zero)
     if rest == 0:

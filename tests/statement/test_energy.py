@@ -86,7 +86,10 @@ REFUSALS: list[tuple[Any, str]] = [
     (lambda: kinetic_energy(m, y * x.ddot), "the position contains x.ddot, an acceleration: give the place in x"),
     (lambda: kinetic_energy(m, (nested(x, 350), y)), "nested too deeply for SymPy: give symbols to its inner parts"),
     (lambda: kinetic_energy(m, []), "the position is empty: give at least one component."),
-    (lambda: gravity(m, [x, y], g, up=[0, 0, 1]), "up has 3 components and the position 2: give both the same number."),
+    (
+        lambda: gravity(m, [x, y], g, up=[0, 0, 1]),
+        "up has 3 components and the position 2: give both the same number of components.",
+    ),
     (lambda: rotational_energy(i1, x), "the angular velocity is x, an angle: give its rate, such as x.dot."),
     (lambda: rotational_energy(i1, y.dot + x), "the angular velocity has the term x, an angle: give its rate, such as"),
     (lambda: rotational_energy(i1, x.dot * (y + x.dot)), "has the term x.dot**2 in x.dot*(x.dot + y), a product of"),
@@ -99,7 +102,10 @@ REFUSALS: list[tuple[Any, str]] = [
     (lambda: rotational_energy([1, -2, 1], [w1, w2, w3]), "the inertia has the moment -2 below zero, which no body"),
     (lambda: rotational_energy([[1, 2], [2, 1]], [w1, w2]), "the inertia has a principal moment below zero"),
     (lambda: rotational_energy([[i1, k], [0, i2]], [w1, w2]), "the inertia is not symmetric: entry (0, 1) is k, and"),
-    (lambda: spring(k, [x, y], [0]), "the ends of the spring have 2 and 1 components: give both the same number."),
+    (
+        lambda: spring(k, [x, y], [0]),
+        "the ends of the spring have 2 and 1 components: give both the same number of components.",
+    ),
 ]
 
 

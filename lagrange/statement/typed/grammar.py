@@ -159,7 +159,9 @@ class Formula:
 
     @property
     def terms(self) -> list[str]:
-        """Terms of the outermost sum, texts in the strict notation, without terms that contain d/dt of an expression.
+        """Terms of the outermost sum, as texts in the strict notation.
+
+        Terms with d/dt of an expression are left out.
         """
         terms, depth = [""], 0
         for piece in re.split(r"( [+-] |[()])", self.text):
@@ -338,7 +340,9 @@ class _Parser:
         """
         self.depth += 1
         if self.depth > DEEPEST:
-            raise self.fault(f"more than {DEEPEST} brackets, functions or exponents stand inside each other")
+            raise self.fault(
+                f"more than {DEEPEST} brackets, functions or exponents are nested: write it with fewer levels"
+            )
         part = self.opened()
         self.depth -= 1
         return part
@@ -374,7 +378,9 @@ class _Parser:
             self.index += 1
             return self.called("abs", [inside])
         missing = f"a value is missing before {token.text[:20]!r}"
-        raise TypedFault(missing if token.kind in ("sign", "number") else "a mark follows no symbol", token.begin)
+        raise TypedFault(
+            missing if token.kind in ("sign", "number") else "a prime, a dot or an exponent has no symbol", token.begin
+        )
 
     def operand(self) -> Part:
         """Read the operand of d/dt: a bracket or a product. One of the choices is how many factors belong to it."""

@@ -58,7 +58,9 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     """
     framed = _unframed(respelled(text))
     if _MATRIX.search(framed):
-        raise StatementError(r"an answer has a matrix that is not read: write \begin{pmatrix}, or one equation a line.")
+        raise StatementError(
+            r"an answer has a matrix in an unknown notation: write \begin{pmatrix}, or one equation a line."
+        )
     spans: list[tuple[int, int]] = []
     offset = 0
     lines: list[str] = []

@@ -117,7 +117,7 @@ def _rows(tokens: Sequence[Token]) -> list[Sequence[Token]]:
         if index < len(tokens) and (tokens[index].is_sign("^") or tokens[index].kind == "power"):
             raise TypedFault("a column has no powers", tokens[index].begin)
         if size not in (0, len(column)):
-            raise TypedFault(f"a column has {len(column)} rows, and one before it {size}", begin.begin)
+            raise TypedFault(f"a column has {len(column)} rows, and the column before it {size}", begin.begin)
         size = len(column)
         parts.append(column)
     rows: list[Sequence[Token]] = [

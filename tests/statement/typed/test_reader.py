@@ -71,8 +71,8 @@ PAIR = r"\begin{pmatrix} x \\ \theta \end{pmatrix}"
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (r"\begin{pmatrix} x \end{vmatrix} = 0", "an answer has a matrix that is not read"),
-        (rf"{PAIR} = \begin{{pmatrix}} x \\ x \\ x \end{{pmatrix}}", "a column has 3 rows, and one before it 2"),
+        (r"\begin{pmatrix} x \end{vmatrix} = 0", "an answer has a matrix in an unknown notation"),
+        (rf"{PAIR} = \begin{{pmatrix}} x \\ x \\ x \end{{pmatrix}}", "a column has 3 rows, and the column before it 2"),
         (r"\begin{pmatrix} x & m \end{pmatrix} = 0", "column 1: matrices that do not fit: expected is a column"),
         (rf"{PAIR}^2 = 0", "a column has no powers"),
         (r"\begin{pmatrix} x \\ & m \end{pmatrix} = 0", "an entry that is empty or a matrix"),
@@ -203,7 +203,7 @@ ENDLESS = {
     "commands": ("x = " + r"\frac" * 900, "more than 40 brackets, functions or exponents"),
     "functions": ("theta'' = " + "sin " * 900 + "x", "more than 40 brackets, functions or exponents"),
     "exponents": ("x = " + "e^" * 900, "more than 40 brackets, functions or exponents"),
-    "dots": (r"\dot{" * 900 + "x" + "}" * 900, "a mark follows no symbol"),
+    "dots": (r"\dot{" * 900 + "x" + "}" * 900, "a prime, a dot or an exponent has no symbol"),
     "brackets": ("x = " + "(" * 1000 + "x" + ")" * 1000, "more than 40 brackets, functions or exponents"),
     "derivatives": ("diff(" * 600 + "x" + ", t)" * 600, "'diff' is not a symbol"),
     "blanks": ("x" + " " * 50_000 + "x", "of an equation: shorten it"),
