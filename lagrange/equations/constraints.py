@@ -111,20 +111,27 @@ def constraint_equations(
     """
     if not zeros:
         return ConstraintEquations()
-    graph = time.graph
-    along = {**dict(zip(q, v, strict=True)), **graph.rates}
-    positions = tuple(
-        node if is_holonomic else None for node, is_holonomic in zip(zeros.values(), holonomic, strict=True)
+    moved = tangents(zeros.values(), {**dict(zip(q, v, strict=True)), **time.graph.rates})
+    pairs = list(zip(zeros.items(), holonomic, strict=True))
+    velocities = {name: moved(node) if is_holonomic else node for (name, node), is_holonomic in pairs}
+    return velocity_equations(
+        velocities, q, v, time, [node if is_holonomic else None for (_, node), is_holonomic in pairs]
     )
-    moved = tangents(zeros.values(), along)
-    velocities = tuple(
-        moved(node) if is_holonomic else node for node, is_holonomic in zip(zeros.values(), holonomic, strict=True)
-    )
+
+
+def velocity_equations(
+    zeros: Mapping[str, Node], q: Sequence[Node], v: Sequence[Node], time: Node, positions: Sequence[Node | None] = ()
+) -> ConstraintEquations:
+    """Return the equations of the constraints in `zeros`, {name of the constraint: psi(q, v, t), which stays zero}.
+
+    `positions` has phi of each holonomic constraint, whose psi is dphi/dt, and None for the others. () means all None.
+    """
+    graph, velocities = time.graph, tuple(zeros.values())
     columns = [tangents(velocities, {symbol: graph.one}) for symbol in v]
-    rate = tangents(velocities, along)
+    rate = tangents(velocities, {**dict(zip(q, v, strict=True)), **graph.rates})
     return ConstraintEquations(
         names=tuple(zeros),
-        positions=positions,
+        positions=tuple(positions) or (None,) * len(zeros),
         velocities=velocities,
         gradient=tuple(tuple(column(psi) for column in columns) for psi in velocities),
         bias=tuple(map(rate, velocities)),

@@ -293,10 +293,7 @@ class Decisions:
 
     @cached_property
     def position_only(self) -> Verdict:
-        """True if accelerations do not depend on velocities, False if they do.
-
-        None if undecided or with constraints.
-        """
+        """True if accelerations are free of velocities, False if not. None if undecided or with constraints."""
         laws = self.laws
         if len(laws.constraints):
             return None

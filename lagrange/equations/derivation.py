@@ -380,10 +380,7 @@ class Derivation:
 
 
 def too_large(statement: Statement, what: str = ACCELERATIONS) -> StatementError:
-    """Return the StatementError for a system whose formulas are too long to print.
-
-    `what` is the name of these formulas.
-    """
+    """Return the StatementError for a system whose formulas are too long to print. `what` names the formulas."""
     names = statement.names
     shown = names if len(names) <= NAMED else (*names[:NAMED], "...")
     return StatementError(
@@ -410,10 +407,7 @@ def _length(form: Any) -> tuple[int, int]:
 
 
 def _by_terms(expression: Any) -> Any:
-    """Return a sum in which each term has common factors taken out of its parentheses.
-
-    Example: m*(2*a + 2*b)/2 becomes m*(a + b).
-    """
+    """Return a sum with common factors taken out in each term: m*(2*a + 2*b)/2 becomes m*(a + b)."""
     return Add(*map(factor_terms, Add.make_args(expression)))
 
 

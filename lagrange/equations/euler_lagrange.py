@@ -14,7 +14,12 @@ from functools import cached_property
 from typing import Any
 
 from lagrange.equations.body_rates import Turning, turning
-from lagrange.equations.constraints import ConstraintEquations, check_rows, constraint_equations
+from lagrange.equations.constraints import (
+    ConstraintEquations,
+    check_rows,
+    constraint_equations,
+    velocity_equations,
+)
 from lagrange.equations.decisions import StatedLaws
 from lagrange.equations.solve_plan import SolvePlan, eliminated, plan_of
 from lagrange.equations.structure import Structure, find_structure
@@ -64,10 +69,7 @@ class StateLayout:
         return y[self.q], y[self.v]
 
     def names(self, ending: str = "_dot") -> tuple[str, ...]:
-        """Return the names of the entries of a state.
-
-        `ending` is the suffix of velocities, as in theta and theta_dot.
-        """
+        """Return the names of a state's entries. `ending` is the suffix of velocities, as in theta and theta_dot."""
         return (*self.coordinates, *(f"{name}{ending}" for name in self.rates))
 
 
@@ -193,21 +195,9 @@ def with_relations(
     """
     if not first_order:
         return constraints, {}
-    v, graph = laws.v, laws.time.graph
-    relations = tuple(laws.bias[i] for i in first_order)
-    columns = [tangents(relations, {symbol: graph.one}) for symbol in v]
-    rate = tangents(relations, {**dict(zip(laws.q, v, strict=True)), **graph.rates})
-    solved = constraints.joined(
-        ConstraintEquations(
-            names=tuple(f"{RELATION}{names[i]}" for i in first_order),
-            positions=tuple(None for _ in first_order),
-            velocities=relations,
-            gradient=tuple(tuple(column(psi) for column in columns) for psi in relations),
-            bias=tuple(map(rate, relations)),
-            rest=tuple(substitute(relations, dict.fromkeys(v, graph.zero))),
-        )
-    )
-    rates = first_order_rates(solved, first_order, v)
+    relations = {f"{RELATION}{names[i]}": laws.bias[i] for i in first_order}
+    solved = constraints.joined(velocity_equations(relations, laws.q, laws.v, laws.time))
+    rates = first_order_rates(solved, first_order, laws.v)
     return replace(solved, bias=tuple(substitute(solved.bias, rates))), rates
 
 

@@ -283,10 +283,7 @@ class SolvePlan:
         return self.solver(matrix)(right)
 
     def solver(self, matrix: Sequence[Sequence[Node]]) -> Callable[[Sequence[Node]], list[Node]]:
-        """Return a function that maps a right-hand side to the solution x.
-
-        The structure of the matrix is analysed once.
-        """
+        """Return a function from a right-hand side to the solution x. The structure of the matrix is analysed once."""
         graph = matrix[0][0].graph
         earlier: list[list[int]] = []
         before: list[int] = []

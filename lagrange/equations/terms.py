@@ -74,10 +74,7 @@ class TooLargeError(Exception):
 
 
 class Magnitude(Function):
-    """Function |x| of a real x.
-
-    The derivative of SymPy's Abs contains Derivative(re(x)) unless SymPy can prove that x is real.
-    """
+    """Function |x| of a real x, whose derivative is sign(x). SymPy's Abs has one in re(x), unless x is known real."""
 
     is_real = True
 
@@ -86,8 +83,8 @@ class Magnitude(Function):
         return Direction(self.args[0])
 
 
-class Direction(Function):
-    """Function sign(x) of a real x. Its derivative is zero, so that equations of motion contain no Dirac delta."""
+class _Flat(Function):
+    """Base class of functions of a real x whose derivative is zero, so that equations contain no Dirac delta."""
 
     is_real = True
 
@@ -96,14 +93,12 @@ class Direction(Function):
         return S.Zero
 
 
-class Step(Function):
-    """Heaviside's step function of a real x. Its derivative is zero."""
+class Direction(_Flat):
+    """Function sign(x) of a real x."""
 
-    is_real = True
 
-    def fdiff(self, argindex: int = 1) -> Any:
-        """Return the derivative of this function, which is zero."""
-        return S.Zero
+class Step(_Flat):
+    """Heaviside's step function of a real x."""
 
 
 def differentiable(expression: Any) -> Any:

@@ -53,10 +53,7 @@ def read_when(graph: Graph, outputs: Sequence[Node]) -> Callable[[Node], Node]:
 
 
 def _readings(node: Node, when: Node, domains: dict[Node, bool]) -> list[tuple[Node, Node]]:
-    """Return pairs (argument of a node, condition under which its value is used).
-
-    `when` is the condition of the node.
-    """
+    """Return pairs (argument of a node, condition under which it is used). `when` is the condition of the node."""
     if node.kind is not Kind.CALL or node.data not in ("piecewise", "and", "or"):
         return [(arg, when) for arg in node.args]
     if node.data == "piecewise":

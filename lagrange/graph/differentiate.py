@@ -44,10 +44,7 @@ def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:
 
 
 def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callable[[Node], Node]:
-    """Return a function that maps each of `outputs` to its derivative along a direction.
-
-    `direction` is {symbol: component}.
-    """
+    """Return a function from each of `outputs` to its derivative along `direction`, {symbol: component}."""
     outputs = list(outputs)
     table: dict[Node, Node] = dict(direction)
     domains = dict[Node, bool]()
@@ -147,10 +144,7 @@ def _choice_gradient(
 
 
 def _branchwise(node: Node, derivatives: list[Node]) -> Node:
-    """Return a choice (piecewise, min, max) with `derivatives` in place of values.
-
-    It is undefined where the choice is.
-    """
+    """Return a choice (piecewise, min, max) with `derivatives` as its values, and undefined where the choice is."""
     last = node.args[-1]
     undefined = last.kind is Kind.CALL and last.data == "nan"
     otherwise = last if undefined else derivatives[-1]

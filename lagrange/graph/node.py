@@ -40,10 +40,7 @@ _ADDING = threading.Lock()  # Lock for adding a node, since threads that run one
 
 
 class Binding(enum.IntEnum):
-    """Latest kind of quantity on which a node depends, from constants to accelerations.
-
-    Nodes up to PARAMETER are computed once per run.
-    """
+    """Latest kind of quantity on which a node depends. Nodes up to PARAMETER are computed once per run."""
 
     CONSTANT = 0
     PARAMETER = 1
@@ -551,10 +548,7 @@ def _splits(sums: list[Node]) -> dict[Node, _Split]:
 
 
 def _split(terms: dict[Node, Exact], part: Node) -> _Split | None:
-    """Return a sum {node: coefficient} as a multiple of the sum `part`, plus other terms.
-
-    None if that is not possible.
-    """
+    """Return a sum {node: coefficient} as a multiple of the sum `part` plus other terms, or None if impossible."""
     if any(term not in terms for term in part.args):
         return None
     coefficients = dict(zip(part.args, part.data[1], strict=True))

@@ -26,10 +26,7 @@ SINC_TERMS = 12
 
 
 class Translator:
-    """Callable that translates SymPy expressions into one graph.
-
-    `leaves` maps symbols, coordinates and velocities to their nodes.
-    """
+    """Callable that translates SymPy expressions into one graph. `leaves` maps symbols and velocities to nodes."""
 
     def __init__(self, graph: Graph, leaves: Mapping[Any, Node]) -> None:
         self.graph = graph

@@ -210,15 +210,10 @@ def parameters(names: str, *, positive: bool = True) -> Any:
     return symbols[0] if len(symbols) == 1 else tuple(symbols)
 
 
-def velocity_of(coordinate: Any) -> Any:
-    """Return dq/dt of a function of time `coordinate`. For a quasi-coordinate it is its rate."""
-    return getattr(coordinate.func, RATE, None) or _derivative(coordinate)
-
-
 @lru_cache(maxsize=4096)
-def _derivative(coordinate: Any) -> Any:
-    """Return the derivative of a function of time by time. The result is cached, since SymPy takes 40 us for each."""
-    return Derivative(coordinate, t)
+def velocity_of(coordinate: Any) -> Any:
+    """Return dq/dt of a function of time, or the rate of a quasi-coordinate. Cached, since SymPy takes 40 us."""
+    return getattr(coordinate.func, RATE, None) or Derivative(coordinate, t)
 
 
 def acceleration_of(coordinate: Any) -> Any:

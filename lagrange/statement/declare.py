@@ -242,10 +242,7 @@ def initial_state(
 
 @lru_cache(maxsize=256)
 def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
-    """Return {coordinate, velocity or name: index in the state (q, v)}.
-
-    Cached, since SymPy takes 20 us for each key.
-    """
+    """Return {coordinate, velocity or name: index in the state (q, v)}. Cached, since SymPy takes 20 us for a key."""
     n = len(coordinates)
     rows: dict[Any, int] = {}
     for i, q in enumerate(coordinates):
@@ -384,10 +381,7 @@ def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any
 
 @located("forces")
 def _forces(forces: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
-    """Return {coordinate: generalized force}, and add the symbols of the forces to `survey`.
-
-    `by_name` maps names to the coordinates of the system.
-    """
+    """Return {coordinate: force}, and add symbols of the forces to `survey`. `by_name` maps names to coordinates."""
     table: dict[Any, Any] = {}
     forces = forces_on_coordinates(forces, by_name.values())
     known = in_symbols(by_name, dict.fromkeys(filter(None, map(rotation_name, by_name.values()))))

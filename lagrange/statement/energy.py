@@ -55,10 +55,7 @@ def without_velocity(statement: Statement, *, alone: bool) -> Any | None:
 
 
 def first_order_remedy(rate: str) -> str:
-    """Return the sentence of a message that explains how to state a first-order variable by its rate.
-
-    `rate` is the text of the rate, such as x.dot.
-    """
+    """Return the sentence of a message on how to state a first-order variable by its `rate`, such as "x.dot"."""
     return (
         f"If it is a state of first order, such as a current, give its rate as the force on it and {rate}**2/2 as "
         f"dissipation, or the constraint {rate} - (its rate)."
@@ -242,7 +239,8 @@ def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] 
     direction = vector([0] * (len(point) - 1) + [1] if up is None else up, "the upward direction")
     if len(direction) != len(point):
         raise StatementError(
-            f"up has {len(direction)} components and the position {len(point)}: give both the same number of components."
+            f"up has {len(direction)} components and the position {len(point)}: give both the same number of "
+            "components."
         )
     length = sympy.sqrt(sum(d**2 for d in direction))
     if length == 0:
@@ -263,7 +261,8 @@ def spring(stiffness: Any, a: Sequence[Any] | Any, b: Sequence[Any] | Any | None
     k, rest = expression(stiffness, "the stiffness"), expression(rest_length, "the rest length")
     if len(start) != len(end):
         raise StatementError(
-            f"the ends of the spring have {len(start)} and {len(end)} components: give both the same number of components."
+            f"the ends of the spring have {len(start)} and {len(end)} components: give both the same number of "
+            "components."
         )
     squared = sum(((p - q) ** 2 for p, q in zip(start, end, strict=True)), sympy.S.Zero)
     if rest == 0:
@@ -277,10 +276,7 @@ PARTS = 24  # Number of straight lines that draw a circle
 
 @dataclass(frozen=True)
 class Shape:
-    """Outline of a body, made by `lagrange.shape`.
-
-    `corners` are points in space, three expressions each. `edges` are pairs of indices of corners.
-    """
+    """Outline of a body: `corners` in space, three expressions each, and `edges`, pairs of indices of corners."""
 
     corners: tuple[tuple[Any, ...], ...]
     edges: tuple[tuple[int, int], ...]
@@ -311,10 +307,7 @@ def shape(kind: str, rotation: Rotation | None, size: Any, at: Any = (0, 0, 0)) 
 
 
 def _entries(value: Any, what: str, *, equal: bool = False) -> list[Any]:
-    """Return the three entries of `value`. If `equal` is true, a single value is repeated.
-
-    `what` is its name in messages.
-    """
+    """Return the three entries of `value`, or if `equal`, a single value three times. `what` names it in messages."""
     parts = entries(value, what)
     parts = [value] * 3 if parts is None and equal else parts
     if parts is None or len(parts) != 3:

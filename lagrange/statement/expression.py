@@ -77,20 +77,14 @@ def positive_number(value: Any, what: str, remedy: str) -> float:
 
 
 def flag(value: Any, what: str) -> bool:
-    """Return True or False as a bool.
-
-    Raises StatementError for other types, which Python would treat as true or false.
-    """
+    """Return True or False as a bool. Raises StatementError for other types, even if Python counts them as true."""
     if not isinstance(value, (bool, np.bool_)):
         raise StatementError(f"{what} = {shown(value)}: give True or False.")
     return bool(value)
 
 
 def flag_or_word(value: Any, what: str, word: str) -> bool | str:
-    """Return a bool, or the text `word`.
-
-    Raises StatementError for other values; `what` is their name in the message.
-    """
+    """Return a bool, or the text `word`. Raises StatementError, with the name `what`, for other values."""
     if isinstance(value, str):
         return one_of(value, (word,), what + " = {given}: give True, False or {known}.")
     return flag(value, what)

@@ -183,10 +183,7 @@ def _check_supported(node: Any, what: str) -> None:
 
 
 def _is_zero(base: Any) -> bool:
-    """Return True if the base of a power is zero.
-
-    A sum with symbols gives False untested, since SymPy takes 10 ms for it.
-    """
+    """Return True if the base of a power is zero. Sums with symbols are not tested, since SymPy takes 10 ms for one."""
     return bool((base.is_Symbol or not base.free_symbols) and base.is_zero)
 
 
@@ -235,10 +232,7 @@ def rate_name(name: str, order: int) -> str:
 
 
 def coordinate_name(key: Any, names: Sequence[str]) -> str:
-    """Return the name of the coordinate `key`, a symbol or a name.
-
-    Raises StatementError if it is not one of `names`.
-    """
+    """Return the name of the coordinate `key`, a symbol or name. Raises StatementError if it is not one of `names`."""
     return one_of(label_of(key), names, "{given} is not a coordinate of this system; they are {known}.")
 
 

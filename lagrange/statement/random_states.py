@@ -348,10 +348,7 @@ Value = TypeVar("Value")
 def random_points(
     statement: Statement, seed: int, draws: int = MOST_DRAWS, kinds: Sequence[SampleKind] = ALL_KINDS
 ) -> Iterator[SamplePoint]:
-    """Yield `draws` random points: states with times and parameters, of each of the `kinds` in turn.
-
-    The same `seed` gives the same points.
-    """
+    """Yield `draws` random points, of each of the `kinds` in turn. The same `seed` gives the same points."""
     sampler = Sampler(statement, seed)
     return (sampler.point(kinds[attempt % len(kinds)], attempt) for attempt in range(draws))
 

@@ -333,10 +333,7 @@ def quaternion_rows(coordinates: tuple[Any, ...]) -> list[tuple[Rotation, list[i
 
 @lru_cache(maxsize=256)
 def _rotations_of(coordinates: tuple[Any, ...]) -> tuple[Rotation, ...]:
-    """Return the rotations whose quaternions are in `coordinates`.
-
-    Raises StatementError for an incomplete quaternion.
-    """
+    """Return the rotations with quaternions in `coordinates`. Raises StatementError for an incomplete quaternion."""
     names = dict.fromkeys(name for name in map(rotation_name, coordinates) if name is not None)
     for each in map(rotation_of, names):
         if missing := [name_of(q) for q in each.quaternion if q not in coordinates]:

@@ -36,10 +36,7 @@ class Link(NamedTuple):
 
 
 def corners(links: Sequence[Link]) -> frozenset[str]:
-    """Return the names of points at which only edges of shapes end.
-
-    Pictures show neither a mark nor a path of such points.
-    """
+    """Return the names of points at which only edges of shapes end. Pictures show no mark and no path of them."""
     edges = {name for link in links if link.kind == EDGE for name in link[:2]}
     return frozenset(edges.difference(*(link[:2] for link in links if link.kind != EDGE)))
 
@@ -249,10 +246,7 @@ class Statement:
         return [p for p in self.parameters if p not in self.defaults]
 
     def require_parameters(self, reason: str) -> None:
-        """Raise StatementError if a parameter has no default value.
-
-        `reason` is the beginning of the message, which ends with ", and".
-        """
+        """Raise StatementError if a parameter has no default value. The message begins with `reason`, "..., and"."""
         if names := [p.name for p in self.without_values]:
             raise StatementError(
                 f"{reason} {listing(names)} {'has' if len(names) == 1 else 'have'} no value: state {self.name} with "

@@ -170,10 +170,7 @@ def _put_in(
 
 
 def _polynomial(name: str, arguments: Sequence[Any], coefficients: dict[Any, None]) -> Any:
-    """Return a polynomial of degree `DEGREE` in the arguments.
-
-    Its coefficients are new symbols, added to `coefficients`.
-    """
+    """Return a polynomial of degree `DEGREE` in the arguments. Its coefficients are new symbols, added to the dict."""
     monomials = [arguments[0] ** k for k in range(DEGREE + 1)]
     if len(arguments) > 1:
         monomials = sorted(sympy.itermonomials(arguments, DEGREE), key=str)

@@ -289,10 +289,7 @@ class Reader:
         raise SceneError(f"a value is missing before {token.text!r}.", column=token.offset + 1)
 
     def in_parentheses(self, *, several: bool = False) -> list[ParsedValue]:
-        """Read the values in parentheses, which begin at the current token.
-
-        There is one value, or if `several` is true, a list of values with commas.
-        """
+        """Read the value in parentheses at the current token, or if `several` is true, values between commas."""
         with self.deeper():
             opened = self.take()
             values = [self.expression()]
@@ -319,10 +316,7 @@ class Reader:
         raise SceneError(reason, column=token.offset + 1)
 
     def call(self, token: SceneToken) -> ParsedValue:
-        """Read the arguments of a function call, and return its value.
-
-        `token` is the name of the function, read before.
-        """
+        """Read the arguments of a function call, and return its value. The name of the function was read as `token`."""
         name = token.text
         if name == MULTIPLIER and name in self.calls:
             return self.multiplier(token)

@@ -32,10 +32,7 @@ def load(name: str) -> Statement:
 
 
 def library_path(name: str) -> Path:
-    """Return the file of a scene of the library.
-
-    Raises StatementError for an unknown name and for the path of a file.
-    """
+    """Return the file of a scene of the library. Raises StatementError for unknown names and for paths of files."""
     files = {path.stem: path for path in LIBRARY.glob("*.toml")}
     text = os.fspath(name) if isinstance(name, (str, Path)) else ""
     is_short = len(text.encode(errors="replace")) < LONGEST_FILE_NAME

@@ -204,7 +204,7 @@ class SceneReader:
         forces = self.forces(reader, coordinates, rotations)
         known = [*coordinates, *velocities, *(name_of(rate) for each in rotations for rate in each.body)]
         initial = document.table("initial", known, "coordinate or velocity of this scene")
-        stated = self.energies(reader)
+        stated = {key: document.expression(reader, key) for key in ENERGIES if key in self.data}
         dissipation = document.expression(reader, "dissipation") if "dissipation" in self.data else sympy.S.Zero
         with document.located():
             declared = declare(
@@ -225,7 +225,7 @@ class SceneReader:
                 dimensions=self.dimensions(names),
                 contacts=self.contacts(reader),
                 simultaneous=self.data.get("simultaneous"),
-                surfaces=self.surfaces(reader),
+                surfaces={name: document.expressions(reader, "surfaces", name) for name in document.table("surfaces")},
                 check_inertia=False,
             )
         self.check_velocities(declared)
@@ -299,10 +299,7 @@ class SceneReader:
         return known
 
     def names(self, key: str, example: str) -> list[str]:
-        """Return the list of names at a key of the scene, which is empty without the key.
-
-        `example` is a name for messages.
-        """
+        """Return the list of names at a key of the scene, or [] without the key. `example` is a name for messages."""
         names = self.data.get(key, [])
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             self.document.refuse(f'{key} must be a list of names: write {key} = ["{example}"].', key)
@@ -418,10 +415,6 @@ class SceneReader:
                 f"{name!r} cannot name a {what}, because it is {taken}: choose another name.", *path, key=key
             )
 
-    def energies(self, reader: Expressions) -> dict[str, Any]:
-        """Return the energies that the scene states, {key: expression}."""
-        return {key: self.document.expression(reader, key) for key in ENERGIES if key in self.data}
-
     def check_velocities(self, statement: Statement) -> None:
         """Raise SceneError, located at L or T, for a coordinate whose acceleration no equation determines."""
         alone = "lagrangian" in self.data
@@ -460,15 +453,8 @@ class SceneReader:
                 contacts[name] = contact(**parts)
         return contacts
 
-    def surfaces(self, reader: Expressions) -> dict[str, tuple[Any, ...]]:
-        """Return the surfaces by name. Each is a tuple of expressions in `along`, as many as a position has."""
-        return {name: self.document.expressions(reader, "surfaces", name) for name in self.document.table("surfaces")}
-
     def dimensions(self, names: Mapping[str, Any]) -> dict[str, str] | None:
-        """Return {symbol's name: dimension or unit as text}, or None if the scene states none.
-
-        `names` maps all known names to SymPy objects.
-        """
+        """Return {name: dimension or unit as text}, or None without [dimensions]. `names` are all known symbols."""
         if "dimensions" not in self.data:
             return None
         known = ["t", *(name for name in names if names[name].is_Symbol or names[name].is_Function)]

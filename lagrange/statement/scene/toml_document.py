@@ -257,10 +257,7 @@ class Document:
         return places(self.content)
 
     def _read(self, path: str | os.PathLike[str]) -> bytes:
-        """Return the bytes of a regular file.
-
-        Other files are refused: a pipe could block, and a device may be endless.
-        """
+        """Return the bytes of a regular file. Other files are refused: a pipe could block, a device may be endless."""
         data, mode = b"", 0
         try:
             mode = Path(path).stat().st_mode

@@ -287,10 +287,7 @@ def sign_of(parameter: Any) -> str:
 
 
 class _SceneWriter:
-    """Writer of one statement as the lines of a scene file.
-
-    Raises StatementError for parts that scenes cannot contain.
-    """
+    """Writer of one statement as the lines of a scene file. Raises StatementError if scenes cannot contain a part."""
 
     def __init__(self, statement: Statement) -> None:
         self.statement, names = statement, statement.rotations

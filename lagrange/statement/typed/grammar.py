@@ -159,10 +159,7 @@ class Formula:
 
     @property
     def terms(self) -> list[str]:
-        """Terms of the outermost sum, as texts in the strict notation.
-
-        Terms with d/dt of an expression are left out.
-        """
+        """Terms of the outermost sum, texts in the strict notation. Terms with d/dt of an expression are left out."""
         terms, depth = [""], 0
         for piece in re.split(r"( [+-] |[()])", self.text):
             depth += (piece == "(") - (piece == ")")
@@ -205,10 +202,7 @@ def parsed(tokens: Sequence[Token], names: Names, choices: Choices, taken: int =
 
 
 class _Parser:
-    """Recursive-descent parser of one side of an equation.
-
-    Each method reads one part, and moves `index` to the next token.
-    """
+    """Recursive-descent parser of one side of an equation. Each method reads one part, and moves `index` after it."""
 
     def __init__(self, tokens: list[Token], choices: Choices, names: Names, taken: int) -> None:
         self.tokens, self.choices, self.names, self.taken = tokens, choices, names, taken
@@ -289,10 +283,7 @@ class _Parser:
         return _times(above, below, "/")
 
     def decides(self, question: str, *, usual: bool) -> bool:
-        """Return the decision at an ambiguous place: `usual`, or its opposite if `choices` says so.
-
-        `question` is the name of the choice.
-        """
+        """Return the decision `usual` at an ambiguous place, or its opposite. `question` is its key in `choices`."""
         return usual != bool(self.choices.take(question, 2))
 
     def starts_value(self) -> bool:
@@ -334,10 +325,7 @@ class _Parser:
         return Part(f"-{part.at(POWER)}", SUM, part.number) if negative else part
 
     def value(self) -> Part:
-        """Read a number, a symbol, a function call, or an expression in brackets.
-
-        Raises TypedFault if nested too deeply.
-        """
+        """Read a number, a symbol, a call or a bracketed expression. Raises TypedFault if nested too deeply."""
         self.depth += 1
         if self.depth > DEEPEST:
             raise self.fault(
@@ -489,10 +477,7 @@ class _Parser:
         return self.decides("argument of constants", usual=not (_ANGLE.search(part.text) or over_bracket))
 
     def bare_factor(self) -> Part:
-        """Read a factor of an argument without brackets.
-
-        One of the choices is whether a following exponent belongs to it.
-        """
+        """Read a factor of an argument without brackets. An exponent may belong to it, which is one of the choices."""
         part = self.value()
         powered = (token := self.peek()) is not None and (token.is_sign("^") or token.kind == "power")
         if part.moves and powered and not self.decides("power of an argument", usual=True):

@@ -101,10 +101,7 @@ class Names:
                 yield from (pair for pair in pairs if pair[1] in self.exact)
 
     def readings(self, word: str) -> list[list[Piece]]:
-        """Return the readings of a word, the likeliest first.
-
-        A reading is a list of one symbol, or of the factors of a product.
-        """
+        """Return the readings of a word, the likeliest first. A reading is a list: one symbol, or factors."""
         if word not in self._readings:
             spelled = "".join(GREEK.get(mark, mark) for mark in word)
             whole = self.exact.get(word) or self.exact.get(spelled)

@@ -21,6 +21,7 @@ import sympy
 from lagrange.errors import SceneError, StatementError, listing
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import read_expression
+from lagrange.statement.scene.toml_document import line_and_column
 from lagrange.statement.typed.grammar import Choices, Formula, TypedFault, UnknownWord, faults_of, parsed
 from lagrange.statement.typed.lines import equation_spans
 from lagrange.statement.typed.matrices import rows_of, without_bars
@@ -140,7 +141,7 @@ class TypedReader:
         clean, spans = equation_spans(text, self._is_coordinate)
         for begin, end in spans:
             if end - begin > LONGEST_TEXT:
-                label = what or f"line {_line(text, begin)}"
+                label = what or f"line {line_and_column(text, begin)[0]}"
                 raise StatementError(
                     f"{label} has {end - begin} characters, more than the {LONGEST_TEXT} of an equation: shorten it."
                 )
@@ -485,7 +486,7 @@ class TypedReader:
             return f"{start} An answer is an equation {self.example()}"
         sentences = []
         for fault in faults[:MOST_TOLD]:
-            line, column = _line(text, fault.offset), fault.offset - text.rfind("\n", 0, fault.offset)
+            line, column = line_and_column(text, fault.offset)
             start = f"line {line}" if "\n" in text.strip() or not what else what
             end = "" if fault.reason.endswith((".", "?")) else "."
             sentences.append(f"{start}, column {column}: {fault.reason}{end}")
@@ -513,10 +514,7 @@ class TypedReader:
 
 
 def _is_factor(symbol: Any, expression: Any) -> bool:
-    """Return True if an expression is zero, or a power of a symbol times a factor without the symbol.
-
-    This is tested at two random points.
-    """
+    """Return True if an expression is a power of a symbol times other factors, or zero, at two random points."""
     others = sorted(expression.free_symbols - {symbol}, key=str)
     dice, values = random.Random(1), list[Any]()
     for _ in range(2):
@@ -525,7 +523,3 @@ def _is_factor(symbol: Any, expression: Any) -> bool:
     a, b, c, d = values
     numbers = all(x.is_Float or x.is_Integer for x in values)
     return bool(numbers and abs(a * d - b * c) <= EQUAL * max(abs(a * d), 1))
-
-
-def _line(text: str, offset: int) -> int:
-    return text.count("\n", 0, offset) + 1

@@ -349,10 +349,7 @@ def with_dimensions_of_rates(stated: Mapping[Any, Dimension]) -> dict[Any, Dimen
 
 
 def _times(dimension: Dimension, time: Dimension, power: int) -> Dimension:
-    """Return `dimension` times a power of `time`, the dimension of t.
-
-    If the dimension has a stated unit, the product has a unit too.
-    """
+    """Return `dimension` times a power of `time`, the dimension of t. A stated unit is multiplied too."""
     product = dimension * time ** Fraction(power)
     if not dimension.unit:
         return product

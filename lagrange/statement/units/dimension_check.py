@@ -215,10 +215,7 @@ def _first_wrong(
 
 
 def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension | None:
-    """Return the dimension of an expression from the `known` dimensions of its symbols.
-
-    None if it is not determined.
-    """
+    """Return the dimension of an expression from the `known` ones of its symbols, or None if it is undetermined."""
     return UnitEquations(known).dimension(expression)
 
 

@@ -77,10 +77,7 @@ def inner_parts(expression: Any, required: UnitProduct | None) -> Iterator[tuple
 
 
 class UnitFactor(NamedTuple):
-    """Unknown of the linear equations: the scale factor of the unit of `of`.
-
-    `of` is a symbol, or a required quantity such as "energy".
-    """
+    """Unknown scale factor of the unit of a symbol `of`, or of a required quantity `of`, such as "energy"."""
 
     of: Any
 
