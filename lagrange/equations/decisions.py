@@ -130,11 +130,11 @@ def _monomial_degree(stated: StatedAlgebra, monomial: Monomial) -> int | None:
 
 
 BUDGET = 100_000  # Largest number of monomials in all proofs about one system, which take 1 to 2 s
-CONTEXT = precise(50)  # Numbers of 50 digits, in which laws are evaluated
+CONTEXT = precise(50)  # Numbers of 50 digits, in which properties are tested
 STEP = "1e-15"  # Step of the central difference in time, whose error is about 1e-30 of the function
 ZERO_SHARE = CONTEXT.mpf("1e-20")
 """Rounding threshold: a value above this fraction of the largest number in its computation is not zero."""
-LAW_SAMPLES = 3  # Number of states at which laws are evaluated
+LAW_SAMPLES = 3  # Number of states at which a property is tested
 LAW_DRAWS = 24  # Largest number of states drawn for the samples, since an expression may have no value at some
 MOST_HELD = 16
 """Largest number of constraints for which a state that satisfies them is searched. For 16 constraints this takes a

@@ -133,7 +133,7 @@ def _weight(mass: Matrix, gradient_row: Sequence[Node], symbols: Sequence[Node])
     try:
         above, below = substitute([inertia, square], dict.fromkeys(symbols, graph.one))
         weight = above / below
-    except StatementError:  # A division by zero at one
+    except StatementError:  # A denominator is zero where all symbols are 1
         return graph.one
     return weight if weight.binding <= Binding.PARAMETER and weight is not graph.zero else graph.one
 

@@ -33,9 +33,9 @@ NEARLY_SINGULAR = 1e-6
 constraints."""
 
 DEPENDENT = 1e-8
-"""Rows of G count as dependent if their least singular value is below this fraction of the largest.
+"""Gradients of constraints count as dependent if their least singular value is below this fraction of the largest.
 
-States satisfy the constraints only to 1e-12, so rows that are dependent on the constraints differ by that much.
+States satisfy the constraints only to 1e-12, so gradients that are dependent at exact states differ by that much.
 """
 
 NAMED_SHARE = 1e-6  # Rounding threshold of the entries of a null vector, relative to the largest
@@ -240,7 +240,7 @@ def motion_along(layout: StateLayout, q: Sequence[float] | FloatArray, null: Flo
         entries = [f"{name}_{entry}" for entry in ENTRIES]
         turns = body_rates([place[entry] for entry in entries], [rates[entry] for entry in entries])
         if np.abs(turns).max() <= 1e-9 * np.abs(null).max() and any(rates[entry] for entry in entries):
-            turns = (1.0, 1.0, 1.0)  # Only the length changes. It has no inertia if no turn has inertia.
+            turns = (1.0, 1.0, 1.0)  # Only the quaternion's length changes, which has no inertia if no turn has
         motion |= {f"{name}_body_{axis}": x for axis, x in zip(AXES, turns, strict=True)}
     size = np.abs([*motion.values()])
     # The first of the largest entries becomes exactly 1.

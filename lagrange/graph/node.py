@@ -56,7 +56,7 @@ class Kind(enum.Enum):
     CONSTANT = "constant"  # The exact value
     SYMBOL = "symbol"  # The name
     SUM = "sum"  # (constant, coefficients), with one coefficient per argument
-    PRODUCT = "product"  # None
+    PRODUCT = "product"  # None, since the factors are the arguments
     POWER = "power"  # The exact exponent
     CALL = "call"  # The function's name
     FACTOR = "factor"  # (n, (i, ...)): a symmetric matrix, lower triangle by rows, whose pivots i are negative

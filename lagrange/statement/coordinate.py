@@ -70,8 +70,8 @@ PREDEFINED = {t.name: "time", "pi": "a constant"}
 """Names with a fixed meaning in every statement, and the words for this meaning in messages."""
 
 MOST_LETTERS = 10_000
-"""Largest length of an expression that labels a row of a table, in characters. Labels of two expressions differ, since
-few expressions are longer."""
+"""Largest number of characters of an expression that labels a row of a table. So labels of different expressions
+differ."""
 
 
 def check_name(name: str, what: str) -> str:

@@ -352,7 +352,7 @@ def as_typed(value: Any, what: str) -> Any:
     if isinstance(value, NonScalar):
         raise StatementError(f"{what} is {shown(value)}: {value.remedy}.")
     number = real_number(value, what)
-    if isinstance(value, numbers.Rational):  # an int too, exactly
+    if isinstance(value, numbers.Rational):  # an int is converted exactly, too
         return sympy.Rational(int(value.numerator), int(value.denominator))
     return sympy.Float(number)
 

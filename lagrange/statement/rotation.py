@@ -80,7 +80,7 @@ class Rotation(NonScalar):
     """
 
     _op_priority = 100.0
-    """SymPy leaves products with a matrix to the factor of the higher priority."""
+    """Priority in products with SymPy matrices: the factor with the higher priority computes the product."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -125,7 +125,7 @@ class Rotation(NonScalar):
             entry = self.matrix[index]
         except (IndexError, TypeError, ValueError):
             entry = None
-        if entry is None or isinstance(entry, MatrixElement):  # SymPy's entry of a symbolic row
+        if entry is None or isinstance(entry, MatrixElement):  # SymPy's result for a symbolic index
             raise StatementError(
                 f"{self.name} is a 3 by 3 matrix without an entry {shown(index)}: rows and columns are 0, 1 and 2, as "
                 f"in {self.name}[2, 2]."
@@ -434,7 +434,7 @@ def reading(
     }
 
 
-_SINGULAR = (sympy.nan, sympy.zoo, sympy.oo, -sympy.oo, sympy.DiracDelta)  # Marks of singular expressions
+_SINGULAR = (sympy.nan, sympy.zoo, sympy.oo, -sympy.oo, sympy.DiracDelta)  # Found in singular expressions
 
 
 def _check_smooth_at_rest(rotation: Rotation, potential: Any, drag: Any, forces: Iterable[Any]) -> None:

@@ -25,7 +25,7 @@ method `taylor` ends a step at each of them."""
 
 OVERHANG = 1e-3
 """Extension of the outer cubics beyond the ends of a table, as a fraction of the outer intervals. Rounding and finite
-differences at an end lead to arguments there."""
+differences at an end lead to such arguments."""
 
 
 @dataclass(frozen=True)

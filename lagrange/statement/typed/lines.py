@@ -171,8 +171,7 @@ def separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
 
 _BODY = re.compile(r"\\begin\{document\}(.*?)\\end\{document\}", re.DOTALL)
 _MARK = r"[ \t]*(?:\\(?:sub)*section\*?\{|#+|\*\*)"
-# Matches a heading on its own line, and the text up to the next heading: after a blank line, not indented, without = or
-# $
+# Matches a heading line and the text up to the next heading, a line after a blank line, not indented, without = and $
 _SECTION = re.compile(
     rf"^(?:{_MARK})?[ \t]*(?:equations?[ ]of[ ]motion|bewegungsgleichung(?:en)?)[ \t]*(?:\}}|\*\*|:)*[ \t]*$"
     rf"(.*?)(?=^{_MARK}|\n[ \t]*\n[^\s=\\$][^=\n\\$]*$|\Z)",

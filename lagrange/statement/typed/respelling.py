@@ -34,7 +34,7 @@ def _marked(match: re.Match[str]) -> str:
 def _cases(match: re.Match[str]) -> str:
     """Return LaTeX rows of values and conditions as Piecewise((value, condition), ...)."""
     rows = re.sub(r"\\text\s*\{\s*otherwise\s*\}", lambda word: "True".ljust(len(word.group())), match.group(1))
-    begin = r"[,;]?\s*&(?:\s*\\text\s*\{\s*(?:if|for|falls)\s*\})?"  # The begin of a condition
+    begin = r"[,;]?\s*&(?:\s*\\text\s*\{\s*(?:if|for|falls)\s*\})?"  # Matches the beginning of a condition
     rows = re.sub(begin, lambda mark: ",".ljust(len(mark.group())), rows)
     rows = re.sub(r"\s*\\\\\s", lambda mark: "),(".ljust(len(mark.group())), rows).replace("\n", " ")
     return "Piecewise((".ljust(match.start(1) - match.start()) + rows + "))".rjust(match.end() - match.end(1))
@@ -59,19 +59,19 @@ _RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     (r"\\\\(?:\[[^\]\n]*\])?|\$\s+\$|\\\]\s*\\\[|\\\)\s*\\\(", "\n"),
     # A fraction of TeX: {g \over l}
     (rf"(?<!\\)\{{((?:(?!{_OVER}){_IN_BRACES})*+){_OVER}({_IN_BRACES}*+)\}}", r"((\1)/(\2))"),
-    # A group of words: \text{and}
+    # Words in a group of LaTeX: \text{and}
     (r"(?<![_{])\\(?:text|mbox|textrm|textit|intertext)\s*\{([^{}\n]*)\}", r" \1"),
     # An equation in bold type: **x'' = 0**
     (r"^([ \t>-]*(?:[^=*\n]*:[ \t]*)?)\*\*(?=\S)([^\n]*[^\s*])\*\*(?=[ \t.,;]*$)", r"\1  \2"),
-    # A quoted mail
+    # The mark > of a quoted mail
     (r"^[ \t]*>+(?=[ \t])", ""),
-    # A module of Python: np.sin
+    # The name of a Python module before a function: np.sin
     (r"\b(?:np|numpy|math|sp|sympy)\.(?=[a-z])", ""),
-    # Dots after a blank, as Word exports them
+    # Dots of a derivative after a blank, as Word exports them
     (r"(?<![ \t\u00a0])([ \t\u00a0]+)([\u0307\u0308]+)", r"\2\1"),
     # The square of a derivative: (d/dt)^2
     (r"\(\s*d\s*/\s*d\s*t\s*\)\s*(?:²|(?:\^|\*\*)\s*2)", "d²/dt²"),
-    # Partial derivatives by the time
+    # Partial derivatives by the time, which are read as ordinary ones
     (r"∂(?=\s*t(?![A-Za-z])|[^∂=+\n]{0,12}/\s*\(?\s*∂\s*t(?![A-Za-z]))", "d"),
     (rf"\\partial(?=\s*t(?![A-Za-z])|{_ABOVE_TIME})", "d"),
     # Words for a constant, and for equality
@@ -98,7 +98,7 @@ _RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     (r"\b(?:i\.\s?e|d\.\s?h|viz)\.,?", ";"),
     # A comma between two equations that is not a decimal comma: x'' = 1,2 y'' = 3
     (r"(=[^,;=\n]*[0-9]),(?=[0-9][^,;=\n]*=)", r"\1;"),
-    # Arrows
+    # Arrows between an equation and its consequence
     (
         r"=>|->|//(?=[^\n]*=)|[→⟹⟶∴⇔↔⟺⟷]"
         r"|\\(?:Rightarrow|implies|Longrightarrow|rightarrow|therefore|iff|(?:L|l|Longl)eftrightarrow)(?![A-Za-z])",

@@ -182,7 +182,6 @@ def check_dimensions(
         if dimension is not None:
             # A root of a length is not the dimension of a quantity of mechanics. A symbol with such a dimension is
             # taken for an angle, so that the check below names the wrong term.
-            # that the check below names the wrong term.
             whole = dimension.exponents and all(power.denominator == 1 for _, power in dimension.exponents)
             known[symbol] = Dimension(dimension.exponents) if whole else DIMENSIONLESS
     equations = UnitEquations(known, parts)
