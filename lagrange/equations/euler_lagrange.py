@@ -247,9 +247,8 @@ def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Se
     square = [products(row) for row in rows]
     order = range(len(rows))
     shares = [eliminated(square, products(stated.gradient[i]), order) for i in others]
-    one = graph.one
     gram = [
-        [graph.sum([(int(a == b), one), *((1, c[a] * c[b]) for c in shares)]) for b in range(len(rows))]
+        [graph.sum([(int(a == b), graph.one), *((1, c[a] * c[b]) for c in shares)]) for b in range(len(rows))]
         for a in range(len(rows))
     ]
     weights = eliminated(gram, list(multipliers), order)

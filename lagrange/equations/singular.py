@@ -103,11 +103,11 @@ def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | No
     n, m = len(mass), len(gradient)
     if not (np.isfinite(mass).all() and np.isfinite(gradient).all()):
         return None
-    alike = scale is None
+    normalised = scale is None
     scale = scales(mass, gradient) if scale is None else scale
     whole = _divided(_whole(mass, gradient), scale)
     rows = whole[n:, :n]
-    dependent = _dependent(rows, scale[n:], alike=alike) if m else None
+    dependent = _dependent(rows, scale[n:], normalised=normalised) if m else None
     if dependent is not None and dependent.regularity <= RANK:
         return dependent
     # Columns of `allowed` (n, n - m) are an orthonormal basis of the motions that the rows allow, their null space.
@@ -126,16 +126,16 @@ def _whole(mass: FloatArray, gradient: FloatArray) -> FloatArray:
     return np.block([[mass, gradient.T], [gradient, np.zeros((len(gradient),) * 2)]])
 
 
-def _dependent(scaled: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
+def _dependent(scaled: FloatArray, scale: FloatArray, *, normalised: bool) -> Singular:
     """Return the linear combination of the rows of G that is nearest to zero, as a `Singular`.
 
-    `scaled` (m, n) are the balanced rows, and `scale` their scale factors. If `alike` is true, each row is first
+    `scaled` (m, n) are the balanced rows, and `scale` their scale factors. If `normalised` is true, each row is first
     divided by its length.
     """
     sizes = np.sqrt((scaled**2).sum(axis=1))
-    units = np.where(sizes > 0, sizes, 1.0) if alike else np.ones(len(scaled))
+    units = np.where(sizes > 0, sizes, 1.0) if normalised else np.ones(len(scaled))
     left, values, _ = np.linalg.svd(scaled / units[:, None])
-    least = float(values[-1] / ((values[0] or 1.0) if alike else 1.0)) if len(values) == len(scaled) else 0.0
+    least = float(values[-1] / ((values[0] or 1.0) if normalised else 1.0)) if len(values) == len(scaled) else 0.0
     factors = left[:, -1] / units
     largest = np.abs(factors * units).max()
     rows = [(i, float(factors[i] / scale[i])) for i in range(len(scaled)) if abs(left[i, -1]) > NAMED_SHARE * largest]
@@ -220,8 +220,8 @@ def dependent_rows(names: Sequence[str], singular: Singular) -> str:
     """
     related = [names[i].removeprefix(RELATION) for i, _ in singular.rows if names[i].startswith(RELATION)]
     if related:
-        have = "has no inertia, and its equation" if len(related) == 1 else "have no inertia, and their equations"
-        return f"{listing(related)} {have} of first order {'leaves' if len(related) == 1 else 'leave'} velocities open"
+        verb = "has no inertia, and its equation" if len(related) == 1 else "have no inertia, and their equations"
+        return f"{listing(related)} {verb} of first order {'leaves' if len(related) == 1 else 'leave'} velocities open"
     involved = [repr(names[i]) for i, _ in singular.rows]
     if len(involved) == 1:
         return f"the constraint {involved[0]} restricts no velocity, as all its velocity derivatives vanish,"

@@ -98,9 +98,9 @@ class Structure:
 
     def _first_order(self) -> list[str]:
         names = [self.names[i] for i in self.first_order]
-        have = "has no inertia: its equation" if len(names) == 1 else "have no inertia: their equations"
+        predicate = "has no inertia: its equation" if len(names) == 1 else "have no inertia: their equations"
         of_motion = "of motion is" if len(names) == 1 else "of motion are"
-        return [f"{listing(names)} {have} {of_motion} of first order."] if names else []
+        return [f"{listing(names)} {predicate} {of_motion} of first order."] if names else []
 
     def _constraints(self) -> list[str]:
         count = len(self.constraints)

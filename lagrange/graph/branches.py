@@ -73,14 +73,14 @@ def _readings(node: Node, when: Node, domains: dict[Node, bool]) -> list[tuple[N
 
 def both(a: Node, b: Node) -> Node:
     """Return the condition "a and b" as a node."""
-    one = a.graph.one
-    return b if a is one or a is b else a if b is one else a.graph.call("and", a, b)
+    always = a.graph.one
+    return b if a is always or a is b else a if b is always else a.graph.call("and", a, b)
 
 
 def either(a: Node, b: Node) -> Node:
     """Return the condition "a or b" as a node."""
-    one = a.graph.one
-    return one if a is one or b is one else a if a is b else a.graph.call("or", a, b)
+    always = a.graph.one
+    return always if a is always or b is always else a if a is b else a.graph.call("or", a, b)
 
 
 def opposite(condition: Node) -> Node:

@@ -52,8 +52,8 @@ class Contact:
         for value, largest, what, bounds in limits:
             is_real = value.is_real is not False  # infinity is not real
             if value.is_number and (value is sympy.nan or not (is_real and 0 <= value <= largest)):
-                given = formula(value, 40) if value.is_Rational or not is_real else f"{float(value):.10g}"
-                raise StatementError(f"{what} is {given}: give a number {bounds}.")
+                value_text = formula(value, 40) if value.is_Rational or not is_real else f"{float(value):.10g}"
+                raise StatementError(f"{what} is {value_text}: give a number {bounds}.")
         static, kinetic = self.friction
         if static.is_number and kinetic.is_number and static < kinetic:
             pair = f"({float(static):.10g}, {float(kinetic):.10g})"

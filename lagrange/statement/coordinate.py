@@ -282,8 +282,8 @@ def check_multipliers(
     """
     for name in names:
         if name not in constraints:
-            are = " is" if len(constraints) == 1 else "s are"
-            have = f"the {kind}{are} {listing(constraints)}" if constraints else f"{system} has no {kind}s"
+            verb = " is" if len(constraints) == 1 else "s are"
+            existing = f"the {kind}{verb} {listing(constraints)}" if constraints else f"{system} has no {kind}s"
             raise StatementError(
-                f"{expression} contains {multiplier(name)}, but {have}." + suggestion(name, constraints)
+                f"{expression} contains {multiplier(name)}, but {existing}." + suggestion(name, constraints)
             )

@@ -294,10 +294,10 @@ def _coordinates(coordinates: Sequence[Any] | None, survey: Survey, first_order:
     if coordinates is None:
         survey.coordinates.update(dict.fromkeys(first_order))
         # An undeclared function may be meant as a given motion, unless all are SymPy's, as from `dynamicsymbols`.
-        unsaid = [q for q in survey.coordinates if not declared(q)]
-        if unsaid and any(map(is_ours, survey.coordinates)):
+        undeclared = [q for q in survey.coordinates if not declared(q)]
+        if undeclared and any(map(is_ours, survey.coordinates)):
             names = [name_of(q) for q in survey.coordinates if declared(q)]
-            raise StatementError(coordinate_or_given(name_of(unsaid[0]), names))
+            raise StatementError(coordinate_or_given(name_of(undeclared[0]), names))
         coordinates = COORDINATES.of((name_of(q), q) for q in survey.coordinates)
     by_name: dict[str, Any] = {}
     for q in coordinates:
@@ -321,8 +321,8 @@ def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
 
     Such a coordinate may occur in no energy, as a charge whose current only heats a resistor.
     """
-    rubbed = dissipation.atoms(sympy.Derivative) if isinstance(dissipation, sympy.Basic) else ()
-    for q in (*(forces if isinstance(forces, Mapping) else ()), *(rate.expr for rate in rubbed)):
+    rates = dissipation.atoms(sympy.Derivative) if isinstance(dissipation, sympy.Basic) else ()
+    for q in (*(forces if isinstance(forces, Mapping) else ()), *(rate.expr for rate in rates)):
         if isinstance(q, AppliedUndef) and q.args == (t,) and motion_of(q) is None and not is_shorthand(q):
             yield q
 
@@ -372,10 +372,10 @@ def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any
         one_of(redundant, REDUNDANT, "redundant is {given}: give one of {known}.")
     if redundant == REFUSE and len(constraints) > len(coordinates):
         names = listing(name_of(q) for q in coordinates)
-        many = "coordinates" if len(coordinates) > 1 else "coordinate"
+        noun = "coordinates" if len(coordinates) > 1 else "coordinate"
         raise StatementError(
             f"there are {len(constraints)} constraints ({listing(constraint.name for constraint in constraints)}) for "
-            f"{len(coordinates)} {many} ({names}): give at most as many constraints as coordinates."
+            f"{len(coordinates)} {noun} ({names}): give at most as many constraints as coordinates."
         )
 
 

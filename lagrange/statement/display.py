@@ -190,13 +190,13 @@ def counter(total: int, noun: str, *, enabled: bool | str, before: int = 0) -> I
 
     def describe(done: float) -> str:
         seconds = max(time.perf_counter() - began, 1e-9)
-        said = f"{done:,.0f} of {total:,} {noun}{'s' * (total != 1)}"
+        sentence = f"{done:,.0f} of {total:,} {noun}{'s' * (total != 1)}"
         if done <= before:
-            return said
+            return sentence
         rate = (done - before) / seconds
         left = "" if done >= total else f", {_rounded_time((total - done) / rate)} left"
         pace, unit = (rate, "second") if rate >= 1.0 else (60.0 * rate, "minute")
-        return f"{said}, {f'{pace:,.0f}' if pace >= 10.0 else f'{pace:.2g}'} a {unit}{left}"
+        return f"{sentence}, {f'{pace:,.0f}' if pace >= 10.0 else f'{pace:.2g}'} a {unit}{left}"
 
     with _bar((0.0, float(total)), describe, enabled=enabled, stays=True) as report:
         if report is not None:

@@ -46,8 +46,8 @@ def without_velocity(statement: Statement, *, alone: bool) -> Any | None:
     for q, rate, force in zip(coordinates, rates, statement.forces, strict=True):
         if rate in moving or any(constraint.expression.has(q) for constraint in statement.constraints):
             continue
-        rubbed = force.has(*rates) or statement.dissipation.diff(rate).has(*rates)
-        if rubbed and not mistaken:
+        contains_rate = force.has(*rates) or statement.dissipation.diff(rate).has(*rates)
+        if contains_rate and not mistaken:
             continue
         if not statement.lagrangian.has(q) or not statement.lagrangian.diff(q).has(*rates):
             return q

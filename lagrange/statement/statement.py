@@ -203,13 +203,13 @@ class Statement:
 
         If there are contacts, another sentence says that the equations hold between contacts.
         """
-        said = []
+        sentences = []
         if unused := [p.name for p in self.unused]:
-            stands = "The parameter {} appears" if len(unused) == 1 else "The parameters {} appear"
-            said.append(f"{stands.format(listing(unused))} in no energy, force, constraint or position.")
+            subject = "The parameter {} appears" if len(unused) == 1 else "The parameters {} appear"
+            sentences.append(f"{subject.format(listing(unused))} in no energy, force, constraint or position.")
         if self.inferred:
             taken = "is taken as a coordinate" if len(self.inferred) == 1 else "are taken as coordinates"
-            said.append(
+            sentences.append(
                 f"{listing(self.inferred)} {taken}, because the energies contain a function of time of this name; "
                 "state a given motion by lg.given(name)."
             )
@@ -218,17 +218,17 @@ class Statement:
             inertia = hessian(typed, list(rotation_of(name).space))
             # A multiple of the identity, as of a ball, is the same about all axes.
             if not inertia.has(AppliedUndef) and inertia != inertia[0, 0] * eye(3):
-                said.append(
+                sentences.append(
                     f"The inertia of {name} is constant about the axes of space and differs between them: that of a "
                     f"body is constant about its own axes, {name}.body."
                 )
         if self.contacts:
             names = listing(repr(each.name) for each in self.contacts)
-            said.append(
+            sentences.append(
                 f"The equations are those between contacts, while the gaps {names} are open: impacts, friction and "
                 "moved surfaces change energy and momenta."
             )
-        return said
+        return sentences
 
     @cached_property
     def surfaces_move(self) -> bool:

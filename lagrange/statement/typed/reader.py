@@ -397,8 +397,8 @@ class TypedReader:
         ]
         sides = plain if len(plain) > 1 else sides
         if len(sides) > 2 and not any(self.names.order(side) > 1 for side in sides):
-            many = f"there are {len(offsets)} signs of equality: write one equation with two sides"
-            raise TypedFault(many, offsets[1])
+            reason = f"there are {len(offsets)} signs of equality: write one equation with two sides"
+            raise TypedFault(reason, offsets[1])
         if clause.constant:
             sides = [*sides, []]
         if clause.constant or (len(sides) > 1 and (is_constant(sides[-1]) or self._is_integral(*sides))):

@@ -109,10 +109,10 @@ def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[Checked
         energies = {"the kinetic energy": read.kinetic, "the potential energy": read.potential}
     parts = [CheckedPart(what, expression, "energy") for what, expression in energies.items()]
     # Terms of an equation of first order may have any dimension, such as voltage, if it is the same for all.
-    held = (read.lagrangian, *(constraint.expression for constraint in read.constraints))
+    inertial = (read.lagrangian, *(constraint.expression for constraint in read.constraints))
     torqued = {q: getattr(q.func, RATE) for q in read.coordinates if hasattr(q.func, RATE)}
     rates = zip(read.coordinates, read.velocities, strict=True)
-    first_order = {q: rate for q, rate in rates if q not in torqued and not any(part.has(q, rate) for part in held)}
+    first_order = {q: rate for q, rate in rates if q not in torqued and not any(part.has(q, rate) for part in inertial)}
     for name, q, force in zip(read.names, read.coordinates, read.forces, strict=True):
         if q in first_order:
             equation = sympy.Add(force, -read.dissipation.diff(first_order[q]), evaluate=False)
@@ -185,13 +185,13 @@ def check_dimensions(
             whole = dimension.exponents and all(power.denominator == 1 for _, power in dimension.exponents)
             known[symbol] = Dimension(dimension.exponents) if whole else DIMENSIONLESS
     equations = UnitEquations(known, parts)
-    if (found := _first_wrong(parts, equations, scales=False)) is not None:
-        raise StatementError(_wrong_dimension(*found, equations, symbols))
+    if (wrong := _first_wrong(parts, equations, scales=False)) is not None:
+        raise StatementError(_wrong_dimension(*wrong, equations, symbols))
     stated = [dimension for dimension in known.values() if dimension.unit]
     if not stated:
         return known
-    if (found := _first_wrong(parts, equations, scales=True)) is not None:
-        raise StatementError(_wrong_unit(*found, equations, symbols) + _remedy(parts, known, found[1].term))
+    if (wrong := _first_wrong(parts, equations, scales=True)) is not None:
+        raise StatementError(_wrong_unit(*wrong, equations, symbols) + _remedy(parts, known, wrong[1].term))
     completed = {symbol: _completed(equations, symbol, dimension) for symbol, dimension in known.items()}
     _check_inferred(stated, completed)
     return completed
@@ -455,8 +455,8 @@ def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimensi
     bases = _base_units([dimension for dimension in others.values() if dimension.unit])
     if factor is None or not all(name in bases for name, _ in exponents):
         return ""
-    away, text = min(((abs(factor - scale), text) for scale, text in _made(bases, dimensions[symbol])))
-    return text if away <= SAME_FACTOR else ""
+    deviation, text = min(((abs(factor - scale), text) for scale, text in _made(bases, dimensions[symbol])))
+    return text if deviation <= SAME_FACTOR else ""
 
 
 def _completed(equations: UnitEquations, symbol: Any, dimension: Dimension) -> Dimension:
@@ -485,14 +485,14 @@ def _check_inferred(stated: Sequence[Dimension], inferred: Mapping[Any, Dimensio
         factor = dimension.factor
         if dimension.unit or factor is None or not all(name in bases for name, _ in dimension.exponents):
             continue
-        away, text = min(
+        excess, text = min(
             ((factor - scale, text) for scale, text in _made(bases, dimension)), key=lambda candidate: abs(candidate[0])
         )
-        if abs(away) > SAME_FACTOR:
+        if abs(excess) > SAME_FACTOR:
             name = name_of(symbol) if isinstance(symbol, AppliedUndef) else symbol
             raise StatementError(
-                f"no unit was stated for {name}. From its terms follows {_factor(away)} {text}, so the stated units do "
-                f"not fit together: state the unit of {name}, or {FIT}"
+                f"no unit was stated for {name}. From its terms follows {_factor(excess)} {text}, so the stated units "
+                f"do not fit together: state the unit of {name}, or {FIT}"
             )
 
 
