@@ -27,12 +27,13 @@ from lagrange.statement.statement import Statement
 class Turning:
     """Equations with m velocities: first those of coordinates outside of rotations, then three rates w of each body.
 
-    - `velocities`, `momenta` and `forces` have m entries. Forces contain p x w.
+    - `velocities`, `momenta` and `forces` have m entries. Forces on a body contain p x w, with its momenta p.
     - `derivatives` maps coordinates outside of rotations, and symbols of entries of rotation matrices, to derivatives.
     - `starts` maps the symbols of w and of entries of rotation matrices to nodes in the statement's q and v.
     - `spun` maps the coordinate index of each quaternion entry to three nodes. The first is -q w, which is minus twice
-      the derivative of q. The others are the derivatives of q and v at the start of a step, with terms that restore the
-      length of the quaternion. Without these terms errors of v along q would accumulate, and change the energy.
+      the derivative of the quaternion q. The others are the derivatives of q and of its velocities v at the start of a
+      step, with terms that restore the length of the quaternion. Without these terms errors of v along q would
+      accumulate, and change the energy.
     """
 
     velocities: tuple[Node, ...]

@@ -41,7 +41,10 @@ digits."""
 
 
 def visibly_homogeneous(statement: Statement) -> bool:
-    """Return True if every term of T as stated has second degree in the velocities. No algebra is done."""
+    """Return True if every term of the stated kinetic energy has second degree in the velocities.
+
+    No algebra is done.
+    """
     return _degree(statement.kinetic, statement.velocities) == SECOND
 
 
@@ -65,14 +68,17 @@ def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
 
 
 def seen_jacobi(statement: Statement, stated: StatedAlgebra) -> bool:
-    """Return True if T, or L stated alone, has terms of a rotating frame, so that v.p - L differs from T + V."""
+    """Return True if the energies have terms of a rotating frame, so that v.p - L differs from T + V.
+
+    The terms are searched in the kinetic energy T, or in the Lagrangian L if it was stated alone. p are the momenta.
+    """
     if visibly_homogeneous(statement):
         return False
     return seen_turning(stated) if statement.lagrangian_alone else seen_mixed(statement)
 
 
 def seen_mixed(statement: Statement) -> bool:
-    """Return True if values of T show that it has terms whose degree in the velocities is not 1 or 2.
+    """Return True if values of the kinetic energy T show terms whose degree in the velocities v is not 1 or 2.
 
     Terms of first degree are allowed, since a charge in a field has them. T(v) + T(-v) does not contain them. In this
     sum, terms of second degree become four times as large at doubled velocities. Any other factor shows other terms.
@@ -247,10 +253,11 @@ class Decisions:
 
     @cached_property
     def homogeneous(self) -> Verdict:
-        """True if T is homogeneous of second degree in the velocities, so that v.p - L is T + V; None if undecided.
+        """True if the kinetic energy T has second degree in the velocities, so that the energy is T + V.
 
-        Terms of first degree, as for a charge in a field, are ignored: v.p - L is then V plus the terms of T of second
-        degree. For a Lagrangian stated alone the result is False if it has the terms of a rotating frame, else None.
+        The energy is v.p - L, with the Lagrangian L and the momenta p. None means undecided. Terms of first degree, as
+        for a charge in a field, are ignored: the energy is then V plus the terms of T of second degree. For a
+        Lagrangian stated alone the result is False if it has the terms of a rotating frame, else None.
         """
         if visibly_homogeneous(self.statement):
             return True

@@ -307,7 +307,10 @@ class Derivation:
 
     @cached_property
     def energy_is_sum(self) -> bool:
-        """True unless the terms of T, or values of T, show that v.p - L is not T + V, as in a rotating frame."""
+        """True unless the energy v.p - L is known to differ from T + V, as in a rotating frame.
+
+        This is decided by terms or values of the kinetic energy T.
+        """
         try:
             return not seen_jacobi(self.statement, self._page)
         except (TooLargeError, RecursionError):

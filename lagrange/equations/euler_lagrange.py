@@ -221,9 +221,7 @@ def first_order_rates(solved: ConstraintEquations, first_order: Sequence[int], v
         return {}
     at_zero = dict.fromkeys((v[i] for i in first_order), v[0].graph.zero)
     entries = [entry for row in square for entry in row]
-    if any(
-        entry is not entry_at_zero for entry, entry_at_zero in zip(entries, substitute(entries, at_zero), strict=True)
-    ):
+    if substitute(entries, at_zero) != entries:
         return {}
     rest = [-relation for relation in substitute(solved.velocities[-count:], at_zero)]
     return dict(zip((v[i] for i in first_order), eliminated(square, rest, range(count)), strict=True))

@@ -149,12 +149,15 @@ class Structure:
 
     @property
     def energy_name(self) -> str:
-        """Name of v.p - L: "energy", or "Jacobi integral" if T is not of second degree in v, as in a rotating frame."""
+        """Name of v.p - L, with velocities v, momenta p and the Lagrangian L.
+
+        It is "energy", or "Jacobi integral" if the kinetic energy is not of second degree in v, as in a rotating frame.
+        """
         return "Jacobi integral" if self.decisions.homogeneous is False else "energy"
 
     @property
     def energy_letter(self) -> str:
-        """Letter of v.p - L: J for a Jacobi integral that differs from T + V, else E."""
+        """Letter for the energy in formulas: J for a Jacobi integral that differs from T + V, else E."""
         return "J" if self.energy_name == "Jacobi integral" else "E"
 
     def energy_reason(self) -> str:

@@ -116,7 +116,7 @@ def differentiable(expression: Any) -> Any:
 
 
 def printable(expression: Any) -> Any:
-    """Return the expression with the functions of this module replaced by SymPy's Abs, sign and Heaviside."""
+    """Return the expression with Magnitude, Direction and Step replaced by SymPy's Abs, sign and Heaviside."""
     return _exchange(expression, {Magnitude: sympy.Abs, Direction: sympy.sign, Step: sympy.Heaviside})
 
 
