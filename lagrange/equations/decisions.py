@@ -193,10 +193,6 @@ class Decisions:
         absent = not _depends_on(self.laws.lagrangian, [self.laws.time])
         return self._decided(absent, slope, lambda stated: _free_of(stated, stated.time))
 
-    def absent(self, i: int) -> bool:
-        """Return True if the Lagrangian as stated does not contain coordinate number `i`."""
-        return not _depends_on(self.laws.lagrangian, [self.laws.q[i]])
-
     def cyclic(self, i: int) -> Verdict:
         """Return True if the Lagrangian does not depend on coordinate number `i`, False if it does, None if undecided.
 
@@ -207,7 +203,8 @@ class Decisions:
             force = values([self.laws.forces[i]], point, CONTEXT)
             return None if force is None else abs(force[0][0]) > ZERO_SHARE * force[1]
 
-        return self._decided(self.absent(i), slope, lambda stated: _free_of(stated, stated.q[i]))
+        absent = not _depends_on(self.laws.lagrangian, [self.laws.q[i]])
+        return self._decided(absent, slope, lambda stated: _free_of(stated, stated.q[i]))
 
     @cached_property
     def powerless(self) -> Verdict:

@@ -530,7 +530,7 @@ def _splits(sums: list[Node]) -> dict[Node, _Split]:
 
     The contained sum has no constant. A sum that contains no other sum is left out.
     """
-    spread = Counter(term for node in sums for term in node.args)
+    occurrences = Counter(term for node in sums for term in node.args)
     # Each sum is found by its rarest term. With a term that all sums have, all pairs would be compared.
     by_rarest: dict[Node, list[Node]] = {}
     splits: dict[Node, _Split] = {}
@@ -543,7 +543,7 @@ def _splits(sums: list[Node]) -> dict[Node, _Split]:
                 splits[node] = split
                 break
         if node.data[0] == 0:
-            by_rarest.setdefault(min(node.args, key=spread.__getitem__), []).append(node)
+            by_rarest.setdefault(min(node.args, key=occurrences.__getitem__), []).append(node)
     return splits
 
 

@@ -259,8 +259,8 @@ class Sampler:
         """
         near = kind.state == "initial"
         if near:
-            spread = 0.3 * 0.1 ** (attempt // 4)
-            moves = [self._near(values, spread) for values in self._initial]
+            amplitude = 0.3 * 0.1 ** (attempt // 4)
+            moves = [self._near(values, amplitude) for values in self._initial]
         else:
             moves = [[(0.0, self._of_order_one(), 1.0) for _ in values] for values in self._initial]
         t = self._draw.uniform(0.1, 2.0) * (max(0.1, self.statement.run.t_end / 2) if near else 1.0)
@@ -301,11 +301,11 @@ class Sampler:
         first, last = self.statement.span
         return t if first <= t <= last else first + (last - first) * (0.2 + 0.6 * t / (1.0 + t))
 
-    def _near(self, values: Sequence[float], spread: float) -> list[Move]:
+    def _near(self, values: Sequence[float], amplitude: float) -> list[Move]:
         largest = max(1.0, *map(abs, values))
         # An entry that is zero moves by a random magnitude between 1 and the largest entry.
         sizes = [abs(x) or 10.0 ** self._draw.uniform(0.0, math.log10(largest)) for x in values]
-        moves = [spread * self._of_order_one() for _ in values]
+        moves = [amplitude * self._of_order_one() for _ in values]
         return [
             (x + size * move, 0.0, 1.0) if x else (0.0, move, size)
             for x, move, size in zip(values, moves, sizes, strict=True)
