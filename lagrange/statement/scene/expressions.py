@@ -30,7 +30,7 @@ from lagrange.statement.scene.guard import (
     replaced,
     tokens,
 )
-from lagrange.statement.vocabulary.functions import ALIASES, ELEMENTARY, FUNCTION_NAMES, WORDS, FunctionWord
+from lagrange.statement.vocabulary.functions import ALIASES, FUNCTION_NAMES, WORDS, FunctionWord
 
 DEEPEST_NESTING = 64  # Largest number of levels of nested parentheses, signs and powers
 
@@ -54,22 +54,6 @@ COMPARISONS: dict[str, Callable[..., Any]] = {
     ">=": sympy.Ge,
     "==": sympy.Eq,
     "!=": sympy.Ne,
-}
-
-_DOUBLES: dict[str, Callable[..., float]] = {
-    **{elementary.name: elementary.of_float for elementary in ELEMENTARY.values()},
-    "atan2": math.atan2,
-    "sqrt": math.sqrt,
-    "cot": lambda x: 1 / math.tan(x),
-    "sec": lambda x: 1 / math.cos(x),
-    "csc": lambda x: 1 / math.sin(x),
-    "sinc": lambda x: math.sin(x) / x if x else 1.0,
-    "heaviside": lambda x, middle=0.5: 0.5 + math.copysign(0.5, x) if x else middle,
-    "abs": abs,
-    "sign": lambda x: math.copysign(1.0, x) if x else 0.0,
-    "min": lambda *x: min(x),
-    "max": lambda *x: max(x),
-    "mod": lambda x, y: x % y,
 }
 
 
@@ -479,7 +463,7 @@ def _double(word: FunctionWord, parts: Sequence[ParsedValue]) -> float | None:
         return None
     call = f"{word.name}({', '.join(f'{x:g}' for x in doubles)})"
     try:
-        double = _DOUBLES[word.name](*doubles)
+        double = word.of_floats(*doubles)
     except (ValueError, OverflowError):
         raise RefusalError(f"{call} has no finite real value") from None
     if word.name == "exp" and double == 0.0:

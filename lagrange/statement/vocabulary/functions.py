@@ -193,33 +193,36 @@ FOLDS: dict[str, Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class FunctionWord:
-    """Function that texts may contain: its name, its constructor in SymPy, and the fewest and most arguments.
+    """Function that texts may contain: its `name`, and its constructor `build` in SymPy.
 
-    None as `most` means any number.
+    It has `fewest` to `most` arguments (None: any number). `of_floats` computes its value for Python floats.
     """
 
     name: str
     build: Callable[..., Any]
     fewest: int
     most: int | None
+    of_floats: Callable[..., float]
 
 
 WORDS: dict[str, FunctionWord] = {
     word.name: word
     for word in (
-        *(FunctionWord(elementary.name, elementary.symbolic, 1, 1) for elementary in ELEMENTARY.values()),
-        FunctionWord("atan2", sympy.atan2, 2, 2),
-        FunctionWord("sqrt", sympy.sqrt, 1, 1),
-        FunctionWord("cot", sympy.cot, 1, 1),
-        FunctionWord("sec", sympy.sec, 1, 1),
-        FunctionWord("csc", sympy.csc, 1, 1),
-        FunctionWord("sinc", sympy.sinc, 1, 1),
-        FunctionWord("heaviside", sympy.Heaviside, 1, 2),
-        FunctionWord("abs", sympy.Abs, 1, 1),
-        FunctionWord("sign", sympy.sign, 1, 1),
-        FunctionWord("min", sympy.Min, 1, None),
-        FunctionWord("max", sympy.Max, 1, None),
-        FunctionWord("mod", modulo, 2, 2),
+        *(FunctionWord(each.name, each.symbolic, 1, 1, each.of_float) for each in ELEMENTARY.values()),
+        FunctionWord("atan2", sympy.atan2, 2, 2, math.atan2),
+        FunctionWord("sqrt", sympy.sqrt, 1, 1, math.sqrt),
+        FunctionWord("cot", sympy.cot, 1, 1, lambda x: 1 / math.tan(x)),
+        FunctionWord("sec", sympy.sec, 1, 1, lambda x: 1 / math.cos(x)),
+        FunctionWord("csc", sympy.csc, 1, 1, lambda x: 1 / math.sin(x)),
+        FunctionWord("sinc", sympy.sinc, 1, 1, lambda x: math.sin(x) / x if x else 1.0),
+        FunctionWord(
+            "heaviside", sympy.Heaviside, 1, 2, lambda x, middle=0.5: 0.5 + math.copysign(0.5, x) if x else middle
+        ),
+        FunctionWord("abs", sympy.Abs, 1, 1, abs),
+        FunctionWord("sign", sympy.sign, 1, 1, lambda x: math.copysign(1.0, x) if x else 0.0),
+        FunctionWord("min", sympy.Min, 1, None, lambda *x: min(x)),
+        FunctionWord("max", sympy.Max, 1, None, lambda *x: max(x)),
+        FunctionWord("mod", modulo, 2, 2, lambda x, y: x % y),
     )
 }
 
