@@ -253,9 +253,9 @@ class Sampler:
         self._initial = (statement.initial[:n], statement.initial[n:])
 
     def point(self, kind: SampleKind, attempt: int = 0) -> SamplePoint:
-        """Return a random point of a kind. Points near the initial state get closer to it after each four attempts.
+        """Return a random point of a kind. `attempt` is the number of the attempt, from 0.
 
-        `attempt` is the number of points that were drawn before.
+        Points near the initial state get ten times closer to it after each four attempts.
         """
         near = kind.state == "initial"
         if near:
