@@ -431,7 +431,7 @@ def _depends_on(node: Node, symbols: Sequence[Node]) -> bool:
 
 
 def _changes(nodes: Sequence[Node], point: Values, symbols: Sequence[Node]) -> bool | None:
-    """Return True if the values of nodes change when the values of symbols change. None if they have no values."""
+    """Return True if values of nodes at `point` change when values of symbols change. None if they have no values."""
     other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in symbols}}
     before, after = (values(nodes, at, CONTEXT) for at in (point, other))
     if before is None or after is None:

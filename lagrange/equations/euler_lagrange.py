@@ -94,9 +94,10 @@ def with_inertia(
 ) -> tuple[MotionForm, tuple[tuple[Node, ...], ...]]:
     """Return the equations and their mass matrix M. If M is singular, terms are added that make it regular.
 
-    Each constraint psi that is linear in the velocities adds w psi G^T to the momenta and w psi dG^T/dt to the forces.
-    These terms vanish on the constraint. The weight w is `_weight`. Coordinates of first order (indices `first_order`)
-    need no inertia.
+    `laws` are the stated equations, and `motion` the form to be solved. Each constraint psi that is linear in the
+    velocities adds w psi G^T to the momenta and w psi dG^T/dt to the forces, where G is its gradient. These terms
+    vanish on the constraint. The weight w is `_weight`. Coordinates of first order (indices `first_order`) need no
+    inertia.
     """
     linear = [name not in constraints.nonlinear for name in constraints.names]
     q, v, time, mass, graph = laws.q, laws.v, laws.time, laws.mass, laws.time.graph
@@ -189,9 +190,9 @@ def with_relations(
 ) -> tuple[ConstraintEquations, dict[Node, Node]]:
     """Return the constraints, followed by the first-order equations 0 = h as relations between velocities.
 
-    Coordinates of first order have no inertia. `first_order` has their indices, and `names` are the names of all
-    coordinates. The second result maps the velocities of coordinates of first order to their values from these
-    equations. It is empty if the equations cannot be solved for the velocities as formulas.
+    Coordinates of first order have no inertia. `first_order` has their indices, `laws` the stated equations with h, and
+    `names` the names of all coordinates. The second result maps the velocities of coordinates of first order to their
+    values from these equations. It is empty if the equations cannot be solved for the velocities as formulas.
     """
     if not first_order:
         return constraints, {}

@@ -94,9 +94,9 @@ def _check_linear(statement: Statement, symbols: Sequence[Any]) -> None:
 
 
 def _multipliers(equations: Equations, system_name: str, constraint_names: Sequence[str]) -> list[Node]:
-    """Return the multipliers of constraints as functions of the state.
+    """Return the multipliers of the constraints `constraint_names` as functions of the state.
 
-    The symbols of these multipliers are the last parameters of the equations.
+    The symbols of these multipliers are the last parameters of the equations. `system_name` is for messages.
     """
     e = equations
     n, zero, symbols = len(e.q), e.graph.zero, e.parameters[-len(constraint_names) :]
@@ -310,7 +310,8 @@ class RegularityPoints:
 def _common_singular(mass: FloatArray, gradient: FloatArray) -> tuple[Singular | None, int]:
     """Return the singularity at the first finite state, and the index of this state.
 
-    The first result is None unless M (n, n, k) and G (m, n, k) are singular at all k states at which they are finite.
+    `mass` are the mass matrices (n, n, k) and `gradient` the gradients of constraints (m, n, k) at k states. The first
+    result is None unless the equations are singular at all states at which these are finite.
     """
     first: tuple[Singular | None, int] = None, 0
     for k in range(mass.shape[2]):

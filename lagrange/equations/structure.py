@@ -175,7 +175,11 @@ def find_structure(
     accelerations: Sequence[Node],
     first_order: tuple[int, ...] = (),
 ) -> Structure:
-    """Return the structure of a system. Properties that are only reported are decided when they are first used."""
+    """Return the structure of a system from the stated expressions `laws` and the solved `accelerations`.
+
+    `first_order` are the indices of coordinates without inertia. Properties that are only reported are decided when
+    they are first used.
+    """
     constraints, inertia, graph = laws.constraints, plan_of(laws.mass), laws.time.graph
     free = [force is graph.zero for force in laws.extra]
     constrained = [any(row[i] is not graph.zero for row in constraints.gradient) for i in range(len(laws.q))]

@@ -256,8 +256,9 @@ def _energies(
 ) -> tuple[dict[str, Any], tuple[Any, Any, Any]]:
     """Return {argument: energy as typed} of the stated energies, and the expressions (T, V, L) of a Statement.
 
-    In T, V and L shorthands are replaced, such as an entry R[0, 0] of a rotation. The symbols of the energies are added
-    to `survey`. A system stated by L alone has T = L and V = 0.
+    The energies T, V and L are the user's arguments `kinetic`, `potential` and `lagrangian`, None if not given. In the
+    results shorthands such as R[0, 0] are replaced. The symbols of the energies are added to `survey`. A system stated
+    by L alone has T = L and V = 0.
     """
     if lagrangian is not None and (kinetic is not None or potential is not None):
         with located("lagrangian"):
@@ -562,7 +563,7 @@ def _typed_zeros(constraints: Any) -> dict[str, Any]:
 
 
 def _zero_of(stated: Any, what: str) -> Any:
-    """Return the expression that a constraint states to be zero: the expression itself, or left minus right side."""
+    """Return the expression that is zero if the constraint `stated` holds: itself, or left minus right side."""
     if isinstance(stated, sympy.Eq):
         return as_typed(stated.lhs, f"the left side of {what}") - as_typed(stated.rhs, f"the right side of {what}")
     if isinstance(stated, (BooleanAtom, bool)):

@@ -218,8 +218,8 @@ def _bar(
 ) -> Iterator[Report | None]:
     """Context manager of a callback that shows a position within `span` (first, last) in a progress bar.
 
-    The callback is None if no bar is shown. `describe` returns the text of a position. If `stays` is true, the last
-    state of the bar remains visible.
+    The callback is None if no bar is shown, see `enabled` in `_display_of`. `describe` returns the text of a position.
+    If `stays` is true, the last state of the bar remains visible.
     """
     display = _display_of(enabled)
     if display is None:

@@ -77,7 +77,7 @@ def positive_number(value: Any, what: str, remedy: str) -> float:
 
 
 def flag(value: Any, what: str) -> bool:
-    """Return True or False as a bool. Raises StatementError for other types, even if Python counts them as true."""
+    """Return True or False as a bool. Raises StatementError, with the name `what`, for other types."""
     if not isinstance(value, (bool, np.bool_)):
         raise StatementError(f"{what} = {shown(value)}: give True or False.")
     return bool(value)
@@ -122,7 +122,7 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
 
 
 def complex_array(value: ArrayLike, what: str) -> NDArray[np.complex128]:
-    """Return an array of complex numbers. Raises StatementError for other entries, and if it takes too much memory."""
+    """Return an array of complex numbers. Raises StatementError, with the name `what`, for others or too many."""
     with np.errstate(over="ignore"):
         return _array(value, what, 2, "fiuc").astype(complex)
 
@@ -224,7 +224,7 @@ def text(value: Any, what: str) -> str:
 
 
 def printable(value: Any, what: str) -> str:
-    """Return the text `value`. Raises StatementError for control characters in it, which could change a terminal."""
+    """Return the text `value`. Raises StatementError, with the name `what`, for control characters in it."""
     if not text(value, what).replace("\n", " ").isprintable():
         raise StatementError(f"{what} is {shown(value)}, which has control characters: give plain text.")
     return str(value)

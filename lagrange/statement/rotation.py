@@ -238,7 +238,7 @@ def reset_of_coordinates(reset: Mapping[Any, Any]) -> dict[Any, Any]:
 def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values: Mapping[Any, Any]) -> None:
     """Set angular velocities of rotations in the m states (q, v), an array (m, 2n), in place.
 
-    `values` maps rates such as R.body[2] to m numbers. Other rates about the same axes do not change.
+    `values` maps rates such as R.body[2] to m numbers, and `coordinates` are q. Other rates about the same axes stay.
     """
     for each, rows, moving in quaternion_rows(coordinates) if values else ():
         for rates, rates_of in ((each.body, body_rates), (each.space, space_rates)):

@@ -256,7 +256,7 @@ def _rebuilt(node: Any, args: list[Any]) -> Any:
 
 
 def check_power(base: Any, exponent: Any) -> None:
-    """Raise RefusalError for a power whose exact value SymPy would take too long to compute."""
+    """Raise RefusalError if SymPy would take too long to compute the exact value of `base` ** `exponent`."""
     _check_exponent(exponent)
     if isinstance(base, sympy.Rational) and isinstance(exponent, sympy.Number):
         bits = max(abs(base.p).bit_length(), base.q.bit_length())

@@ -93,7 +93,7 @@ def stored_statement(text: Any) -> Statement:
 
 
 class SceneDocument(Document):
-    """TOML file whose values are read as numbers and expressions.
+    """TOML file whose values are read as numbers, and by a `reader` as expressions.
 
     A path to a value consists of keys and indices, such as ("positions", "bob", 0).
     """
@@ -174,7 +174,7 @@ class SceneReader:
     """Reader of one scene file as a Statement, field by field. SceneErrors have line and column of the field.
 
     `path` is the path of the file, and `text` its content. Without `text` the file is read. `most` is its largest size
-    in bytes.
+    in bytes. Methods take the `reader` of the file's expressions and its `rotations`.
     """
 
     def __init__(self, path: str | os.PathLike[str], text: str | None = None, most: int = LARGEST_FILE) -> None:

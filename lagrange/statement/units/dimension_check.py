@@ -238,7 +238,10 @@ def _wrong_dimension(
 
 
 def _wrong_unit(part: CheckedPart, wrong: WrongTermError, equations: UnitEquations, plain: Mapping[Any, Any]) -> str:
-    """Return the message for a term in a wrong unit, without the remedy at its end."""
+    """Return the message for a term in a wrong unit, without the remedy at its end.
+
+    `part` is the expression with this term. `plain` maps functions of time to symbols for the message.
+    """
     term, unit = in_short(wrong.term, plain), "times that of the other terms"
     if wrong.within is not None:
         term = f"{term} in {in_short(wrong.within, plain)}"
@@ -423,7 +426,8 @@ MOST_REMEDIES, MOST_NAMED = 2, 4  # Largest numbers of remedies and of stated un
 def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], wrong_term: Any) -> str:
     """Return the remedy for a term in a wrong unit, such as "state x in cm instead of m.".
 
-    Other units are tried for one symbol after another. Symbols in the term `wrong_term` come first.
+    `parts` are the checked expressions, and `dimensions` those of all symbols. Other units are tried for one symbol
+    after another. Symbols in the term `wrong_term` come first.
     """
     stated = [symbol for symbol, dimension in dimensions.items() if dimension.unit]
     # Symbols of the term come first, since one of them is more often the wrong one.
@@ -440,7 +444,10 @@ def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], w
 
 
 def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], symbol: Any) -> str:
-    """Return the unit of a symbol that fits the units of all other symbols, or "" if there is none."""
+    """Return the unit of a symbol that fits the units of all other symbols, or "" if there is none.
+
+    `parts` are the checked expressions, and `dimensions` those of all symbols.
+    """
     others = {**dimensions, symbol: Dimension(dimensions[symbol].exponents)}
     equations = UnitEquations(others, parts)
     if _first_wrong(parts, equations, scales=True) is not None:
