@@ -93,8 +93,7 @@ class _Body:
         self.slopes = substitute(slopes, self.starts)
         """Derivatives of the quaternion at the start of a step, with a term that corrects its length to one."""
         self.pulls = [-(size * stretch / square * x) for x in q]
-        """Accelerations at the start of a step that remove the change of the quaternion's length from the
-        velocities."""
+        """Accelerations at the start of a step that remove changes of the quaternion's length."""
         x, y, z = columns = [self.entries[k::3] for k in range(3)]
         changes = ({1: z, 2: [-e for e in y]}, {0: [-e for e in z], 2: x}, {0: y, 1: [-e for e in x]})
         self.turns = [

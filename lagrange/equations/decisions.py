@@ -36,8 +36,7 @@ MOST_TURNING = 4
 
 LAW_DIGITS = 30
 ZERO_DIFFERENCE = sympy.Float("1e-15", LAW_DIGITS)
-"""Rounding threshold: smaller differences, relative to the numbers compared, count as zero. The numbers have 30
-digits."""
+"""Rounding threshold: smaller differences, relative to the numbers compared, count as zero. Numbers have 30 digits."""
 
 
 def visibly_homogeneous(statement: Statement) -> bool:

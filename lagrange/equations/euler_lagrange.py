@@ -203,8 +203,7 @@ def with_relations(
 
 
 MOST_SETTLED = 12
-"""Largest number of coupled first-order equations that are solved as formulas, since n of them take n**3/3
-operations."""
+"""Largest number of coupled first-order equations that are solved as formulas, in n**3/3 operations for n of them."""
 
 
 def first_order_rates(solved: ConstraintEquations, first_order: Sequence[int], v: Sequence[Node]) -> dict[Node, Node]:

@@ -124,14 +124,12 @@ def _multipliers(equations: Equations, system_name: str, constraint_names: Seque
 
 
 RANDOM_STATES = 8
-"""Number of random states, and of states near the initial one, at which the rank is tested. One regular state
-suffices."""
+"""Number of random states, and of states near the initial one, for the test of the rank. One regular state suffices."""
 
 NEAR_ATTEMPT = 4  # Attempt of the sampler at which its points are about 3 % away from the initial state
 
 Reach = Callable[[Statement, Equations, FloatArray, FloatArray], list[FloatArray]]
-"""Function that projects states onto the constraints. Its arguments are statement, equations, states (2n, k) and
-parameters.
+"""Function that projects states onto the constraints. It takes statement, equations, states (2n, k) and parameters.
 
 It returns the projected states, without those whose projection failed.
 """

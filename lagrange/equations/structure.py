@@ -27,8 +27,7 @@ class Structure:
     - `free` are coordinates without force, dissipation and constraint.
     - `brief` is true if time is in a function other than a polynomial, a sine or a cosine. So a force may act for a
       moment only.
-    - `constraints` are the names of the constraints, and `nonlinear` the names of those that are not linear in the
-      velocities.
+    - `constraints` are the names of the constraints, and `nonlinear` of those not linear in velocities.
     - `workless` is true if constraint forces do no work.
     - `first_order` are coordinates without inertia.
     - `freedoms` is the number of independent velocities. A rotation has three, although its quaternion has four.

@@ -42,8 +42,7 @@ from lagrange.statement.coordinate import acceleration_of, name_of, t
 from lagrange.statement.statement import Statement
 
 JUMPING = (sympy.Piecewise, sympy.sign, sympy.Heaviside, sympy.Max, sympy.Min)
-"""Functions with jumps in their values or derivatives. Their derivatives are zero on both sides of a jump and do not
-show it."""
+"""Functions with jumps in their values or derivatives. Their derivatives do not show the jumps."""
 
 
 class SmallTurn(NamedTuple):
@@ -148,8 +147,7 @@ class StatedAlgebra:
     def turned(self, terms: MonomialSum, turn: SmallTurn) -> MonomialSum:
         """Return the derivative of a sum of monomials along a small turn of a body.
 
-        The turn changes the rotation matrix R by dR = R E, where E is the cross product with the unit vector of its
-        axis.
+        The turn changes the rotation matrix R by dR = R E, where E is the cross product with its unit axis.
         """
         algebra, parts = self.algebra, []
         for row in range(3):
@@ -202,8 +200,7 @@ EXPANDED_BLOCK = 3
 """Largest number of coupled coordinates whose accelerations are solved with expanded and merged determinants."""
 EXPANDED_WITH_MULTIPLIERS = 6
 """Largest number of coupled accelerations and multipliers solved in this way. Half of their matrix is zero, and other
-terms often cancel. Two masses on two rods, six unknowns, take 0.3 s, and their formulas are a third as long as nested
-ones."""
+terms often cancel. Two masses on two rods, six unknowns, take 0.3 s, with formulas a third as long as nested ones."""
 EXPANDED_TERMS = 10_000
 """Largest number of monomials of an expanded solution, which take 0.1 s. Longer formulas stay nested. Three links need
 2,000."""
@@ -212,8 +209,7 @@ LONGEST_SLOPES = 5_500
 """Largest number of operations in the derivatives of L by all coordinates together. 15 bodies with forces between all
 pairs have 5,000, and their derivation takes 6 s. A chain of 30 links has 2,000."""
 LARGEST_FRACTION = 10**6
-"""Largest numerator and denominator of fractions that are shown, if the statement has decimals. Others become
-decimals."""
+"""Largest numerator and denominator of fractions that are shown, if the statement has decimals."""
 
 
 class TextbookAlgebra(StatedAlgebra):

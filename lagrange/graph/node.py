@@ -67,8 +67,7 @@ class Kind(enum.Enum):
 class Node:
     """Expression in a graph, which exists only once there. Nodes are created by methods of `Graph`, never directly.
 
-    `args` are the argument nodes, `depends` has a bit for each symbol in the expression, and `id` is the index in the
-    graph.
+    `args` are the argument nodes, `depends` has a bit for each symbol in the expression, and `id` is its index.
     """
 
     __slots__ = ("args", "binding", "data", "depends", "graph", "id", "kind")

@@ -208,8 +208,7 @@ def initial_state(
 ) -> tuple[float, ...]:
     """Return the state (q, v), 2n floats: the state `base`, changed by the values in `initial`.
 
-    Keys of `initial` are coordinates, velocities or their names, such as "theta_dot". Raises StatementError for other
-    keys.
+    Keys of `initial` are coordinates, velocities or their names, such as "theta_dot". Raises StatementError for others.
     """
     if not isinstance(initial, Mapping):
         what = "an array" if isinstance(initial, np.ndarray) else f"a {type(initial).__name__}"

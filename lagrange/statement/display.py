@@ -26,8 +26,7 @@ from typing import Any, TextIO
 SILENT_SECONDS = 2.0  # Seconds of compiling or deriving after which a display reports it
 
 LINES = "lines"
-"""Value of the argument `progress` that writes lines where there is no terminal, as to a log file: one every ten
-seconds."""
+"""Value of the argument `progress` that writes a line every ten seconds if there is no terminal, as to a log file."""
 
 Report = Callable[[float], None]  # Progress callback: time reached, or number of finished items
 
@@ -339,8 +338,7 @@ def columns_of_output() -> int:
 def _broken(line: str, columns: int) -> str:
     """Return a line of a table or text, wrapped to at most `columns` characters.
 
-    Continued lines are indented to the second column of a table. A longer word stays whole, and a line of dashes is cut
-    off.
+    Continued lines are indented to the second column of a table. Longer words stay whole, and a line of dashes is cut.
     """
     if len(line) <= columns:
         return line

@@ -1,8 +1,7 @@
 """Check and convert values from users: numbers, arrays, truth values, words, and SymPy expressions.
 
 All expressions from users reach SymPy only through this module, entry by entry, because `sympify` would run texts as
-Python code, also texts inside lists and matrices. In expressions Mod is replaced by an atan2, and re and im are
-evaluated.
+Python code, also texts inside lists and matrices. Mod is replaced by an atan2, and re and im are evaluated.
 """
 
 from __future__ import annotations
@@ -277,8 +276,7 @@ MOST_ENTRIES = 10_000
 """Largest number of entries of a vector. A generator with more entries is refused, since it may be endless."""
 
 MOST_LEVELS = 400
-"""Largest depth of nesting of an expression. SymPy's `free_symbols` takes two of Python's 1,000 nested calls for each
-level."""
+"""Largest depth of nesting of an expression. SymPy takes two of Python's 1,000 nested calls for each level."""
 
 TEXTS = (str, bytes, bytearray, memoryview)
 

@@ -42,8 +42,7 @@ class Survey:
     def add(self, expression: Any, what: str, *, accelerations: bool = False, multipliers: bool = False) -> None:
         """Collect the symbols of an expression. Raises StatementError for functions that have no derivative or value.
 
-        `what` is the name of the expression in messages. Accelerations and multipliers are refused unless their flags
-        are true.
+        `what` is the name of the expression in messages. Accelerations and multipliers are refused without their flags.
         """
         for node in _distinct(expression, self.seen):
             if isinstance(node, sympy.Symbol):

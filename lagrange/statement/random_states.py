@@ -21,8 +21,7 @@ from lagrange.statement.expression import parts_first
 from lagrange.statement.statement import Statement
 
 ORDINARY = math.log(300.0)
-"""Natural logarithm of the largest magnitude that counts as 1. Samples of order one suit magnitudes from 1/300 to
-300."""
+"""Natural logarithm of the largest magnitude that counts as 1. Samples of order one suit 1/300 to 300."""
 
 EXTREME = math.log(1e100)
 """Natural logarithm of the largest magnitude. Magnitudes stay within 1e-100 and 1e100, so that their squares are
@@ -372,8 +371,7 @@ def holds(samples: Iterable[Point], judge: Callable[[Point], bool | None], count
 
 
 CORRECTIONS = 40
-"""Largest number of Newton corrections of a state. Near the constraints each correction doubles the number of correct
-digits."""
+"""Largest number of Newton corrections of a state. Near the constraints each doubles the correct digits."""
 
 Numbers = list[Any]
 

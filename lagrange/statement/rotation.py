@@ -1,8 +1,7 @@
 """Rotations R in SO(3) as part of a statement: `lagrange.rotation`, with a quaternion of length one as coordinates.
 
 R and its rates do not depend on the length of the quaternion, so no force changes this length. `with_length` adds an
-inertia for it. The length then stays constant without a constraint. Source: D. T. Greenwood, Advanced Dynamics, 2003,
-section 3.1.
+inertia for it. The length then stays constant. Source: D. T. Greenwood, Advanced Dynamics, 2003, section 3.1.
 """
 
 from __future__ import annotations
@@ -475,8 +474,7 @@ def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> di
 def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
     """Return `formula` with rates about the axes of the body in place of rates about the axes of space.
 
-    `names` are the names of the rotations. The orthogonality of the rotation matrix is used if it makes the formula
-    shorter.
+    `names` are the names of the rotations. The orthogonality of the rotation matrix is used if that shortens it.
     """
     rotations, replacements = list(map(rotation_of, names)), {}
     formula = formula.xreplace(

@@ -61,8 +61,7 @@ class Constraint:
 
 
 REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
-"""Words for the treatment of constraints that follow from others: refuse them, or accept them, which share the
-forces."""
+"""Words for the treatment of constraints that follow from others: refuse them, or let them share the forces."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,7 @@ from lagrange.statement.statement import Statement
 DEGREE = 3
 """Degree of the polynomial that replaces a function without values while the structure of the equations is analysed."""
 EXTRA_ORDERS = 2
-"""Number of derivatives of an input beyond the highest one in the statement. Equations contain no higher
-derivatives."""
+"""Number of derivatives of an input beyond the highest one in the statement. Equations have no higher ones."""
 
 
 def given(name: str, values: Any = None) -> Any:
@@ -202,8 +201,7 @@ def _pending(node: Any) -> bool:
 def require_values(statement: Statement, remedy: str = "") -> None:
     """Raise StatementError if a given function has no values, or if a function of coordinates has no formula.
 
-    The message first offers the text `remedy`, such as "linearize(inputs=[{}])", in which the function's name replaces
-    {}.
+    The message first offers the text `remedy`, such as "linearize(inputs=[{}])", with the function's name in {}.
     """
     names = [name_of(function) for function in open_functions(statement)]
     if names:

@@ -195,8 +195,7 @@ class RefusalError(Exception):
 class Guard:
     """Check of the size and powers of every expression that is built while texts are read. Raises RefusalError.
 
-    Each distinct subexpression is checked once. `varies` maps it to True if it contains a symbol, and `sizes` to its
-    number of parts.
+    Each distinct subexpression is checked once. `varies` says if it contains a symbol, and `sizes` its number of parts.
     """
 
     def __init__(self) -> None:

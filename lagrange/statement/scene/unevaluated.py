@@ -81,8 +81,7 @@ class UnevaluatedExpressions(Expressions):
     """Reader of the unevaluated expressions of one file.
 
     `names` maps identifiers to SymPy objects. `replaced` are the objects among them that other expressions replace
-    before SymPy evaluates, such as given functions. `calls` are the names of functions of coordinates without a
-    formula.
+    before SymPy evaluates, such as given functions. `calls` names functions of coordinates without a formula.
     """
 
     def __init__(self, names: Mapping[str, Any], replaced: Iterable[Any] = (), calls: Collection[str] = ()) -> None:

@@ -30,8 +30,7 @@ _DIFFERENTIAL = re.compile(r"d[A-Z]\w*")  # Matches the differential of a functi
 class TypedFault(Exception):
     """Fault in a typed text: its `reason`, a sentence without the final period, and its `offset` in the text.
 
-    `read` is the part of the equation before the fault, in the strict notation, or "". `others` are further faults of
-    the equation.
+    `read` is the part of the equation before the fault, in the strict notation, or "". `others` are further faults.
     """
 
     def __init__(self, reason: str, offset: int) -> None:

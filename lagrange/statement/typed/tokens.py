@@ -1,7 +1,6 @@
 r"""Divide a typed formula into tokens: words, numbers, signs, LaTeX commands such as \dfrac and \ddot, with offsets.
 
-Derivatives get one form for all notations: primes, LaTeX dots, and d/dt. `typed.names` decides whether a word is a
-symbol of the system.
+Derivatives get one form for all notations: primes, LaTeX dots, and d/dt. `typed.names` finds the symbols in words.
 """
 
 from __future__ import annotations
@@ -295,8 +294,7 @@ class _Scanner:
 def _dotted(text: str, offset: int, end: int) -> tuple[str, int, int]:
     """Return the letter at an offset, the number of dots above it, and the offset after it.
 
-    A variant of a Greek letter is spelled by its name, such as phi. A letter with other marks keeps them, and has no
-    dots.
+    A variant of a Greek letter is spelled by its name, such as phi. A letter with other marks keeps them, without dots.
     """
     begin, offset = offset, offset + 1
     while offset < end and unicodedata.combining(text[offset]):
@@ -417,8 +415,7 @@ _BOTTOM = {
     begin: re.compile(rf"(?:\(t \))?{middle}(\()?d ?t([0-9]?) {_POWER}(?(1)\){end})")
     for begin, middle, end in ((None, "/", _POWER), ("(", r"\)/", _POWER), (r"\(", r"\)", ""))
 }
-r"""Patterns of d^n x/dt^n. `_TOP` matches a numerator such as d^2, dx or d2x. `_BOTTOM` matches the rest, such as
-(t)/dt^2.
+r"""Patterns of d^n x/dt^n. `_TOP` matches a numerator such as d^2, dx or d2x. `_BOTTOM` matches the rest, as (t)/dt^2.
 
 Keys of `_BOTTOM` are the beginnings of the numerator: none, a bracket, or \frac with a bracket. The patterns match the
 text of tokens that `_spelled` returns.

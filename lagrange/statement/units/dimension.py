@@ -120,8 +120,7 @@ class Dimension:
     """Dimension of a quantity, and its unit if known.
 
     `exponents` are pairs (base dimension, exponent), sorted by name, without zeros. `factor` is the natural logarithm
-    of the scale factor of the unit; None if no unit is known. `unit` is the unit as stated, "" if a dimension was
-    stated.
+    of the scale factor of the unit; None if no unit is known. `unit` is the stated unit, or "".
     """
 
     exponents: Exponents
