@@ -40,10 +40,7 @@ ZERO_DIFFERENCE = sympy.Float("1e-15", LAW_DIGITS)
 
 
 def visibly_homogeneous(statement: Statement) -> bool:
-    """Return True if every term of the stated kinetic energy has second degree in the velocities.
-
-    No algebra is done.
-    """
+    """Return True if every term of the stated kinetic energy visibly has second degree in the velocities."""
     return _degree(statement.kinetic, statement.velocities) == SECOND
 
 

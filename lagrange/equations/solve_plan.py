@@ -25,9 +25,9 @@ from lagrange.statement.run_settings import check_time
 
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
-    """Return the diagonal blocks of a symmetric matrix, as sorted lists of indices.
+    """Return the diagonal blocks of a symmetric matrix as sorted lists of indices.
 
-    `nonzero` is the matrix of flags, true for entries that are not zero.
+    `nonzero` has flags of its entries.
     """
     neighbours = [[j for j, present in enumerate(row) if present] for row in nonzero]
     return list(map(list, coupled(neighbours)))

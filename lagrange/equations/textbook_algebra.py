@@ -484,10 +484,7 @@ def _cleared(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> MonomialSum:
-    """Return `product` times a power of factor number `k` of the algebra. `exponent` is 0, 1, 2, ...
-
-    A factor that is a sum is multiplied out.
-    """
+    """Return `product` times factor number `k` to a power 0, 1, 2, ... A factor that is a sum is multiplied out."""
     factor = algebra.factors[k]
     if not exponent:
         return product

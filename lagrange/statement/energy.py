@@ -179,10 +179,7 @@ def _without_functions(term: Any) -> Any:
 
 
 def _is_ratio(factor: Any) -> bool:
-    """Return True if a factor is a number, or a ratio of parameters such as R/r.
-
-    This is tested by doubling all parameters, which must not change the factor.
-    """
+    """Return True for a number or a ratio of parameters such as R/r, which stays when all are doubled."""
     doubled = factor.xreplace({symbol: 2 * symbol for symbol in factor.free_symbols})
     return bool(sympy.cancel(doubled - factor) == 0)
 

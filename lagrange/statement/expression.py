@@ -54,9 +54,9 @@ _DEGREES = re.compile(r" *([+-]?[0-9.]{1,30}) *(?:deg|degrees|°) *")  # Matches
 
 
 def real_number(value: Any, what: str) -> float:
-    """Return a finite float from a Python, NumPy or SymPy number.
+    """Return a Python, NumPy or SymPy number as a finite float.
 
-    Raises StatementError for anything else; `what` is the name of the value in the message.
+    Raises StatementError, with the name `what`, for others.
     """
     number = value if type(value) is float else _as_float(value, what)
     if not math.isfinite(number):

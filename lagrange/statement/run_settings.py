@@ -103,10 +103,7 @@ def _limited(began: float, seconds: float) -> Iterator[None]:
 
 
 def preparation_ends() -> None:
-    """Remove the time limit of `preparation` in the current block, because the steps of the run begin.
-
-    Later compilation in the block is not limited.
-    """
+    """Remove the time limit of `preparation` for the rest of the block, because the steps of the run begin."""
     _LIMIT.set(None)
 
 

@@ -75,10 +75,7 @@ _LATEST: deque[TabulatedFunction] = deque(maxlen=256)
 
 
 def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:
-    """Return (argument, table) if a node of an expression is the spline of a table, else None.
-
-    Only the 256 tables that were created last are recognised.
-    """
+    """Return (argument, table) for the spline of one of the 256 tables that were created last, else None."""
     bounds = table_range(node)
     same = [table for table in tuple(_LATEST) if bounds and _ends(table) == bounds[1:]]
     return next(((bounds[0], table) for table in same if bounds and spline(table, 0, bounds[0]) == node), None)

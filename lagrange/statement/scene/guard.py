@@ -286,10 +286,7 @@ def check_arguments(build: Any, arguments: list[Any]) -> None:
 
 
 def check_compared(expressions: list[Any], what: str) -> None:
-    """Raise RefusalError if expressions are too long for SymPy to determine the sign of their difference.
-
-    `what` names the expressions in the message.
-    """
+    """Raise RefusalError if expressions, named `what`, are too long for SymPy to compare."""
     size: dict[Any, int] = {}
     for expression in expressions:
         for node in parts_first(expression, size):

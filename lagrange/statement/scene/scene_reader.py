@@ -71,10 +71,7 @@ def read_scene(path: str | os.PathLike[str]) -> Statement:
 
 
 def stored_statement(text: Any) -> Statement:
-    """Return the statement in the text of a scene that lagrange wrote.
-
-    Raises StatementError for a text that was changed or written by another program.
-    """
+    """Return the statement in a scene text that lagrange wrote. Raises StatementError for other or changed texts."""
     if not isinstance(text, str) or text.lstrip()[:1] == "{":
         raise StatementError(
             "its statement is JSON, as development versions before lagrange 0.1.0 wrote: state the system and run it "

@@ -236,10 +236,7 @@ class Document:
         return value
 
     def words(self, key: str) -> str:
-        """Return the text of a key as one line, which is empty if the key is missing.
-
-        Raises SceneError for control characters, which could change a terminal.
-        """
+        """Return the text of a key as one line, or "" without the key. Raises SceneError for control characters."""
         text = " ".join(self.text(key).split()) if key in self.data else ""
         if not text.isprintable():
             self.refuse(f"{key} contains a control character: write plain text.", key)

@@ -97,9 +97,9 @@ class SharedText:
         return self._known[expression].text
 
     def _counted(self, roots: Iterable[Any]) -> dict[Any, int]:
-        """Return the number of occurrences of each subexpression in the expressions `roots`.
+        """Return the number of occurrences of each subexpression in `roots`.
 
-        The parts of a repeated subexpression are counted once.
+        Parts of repeated ones are counted once.
         """
         uses: dict[Any, int] = {}
         todo = list(roots)
@@ -131,10 +131,7 @@ class SharedText:
         return Text(name)
 
     def _part(self, node: Any) -> Text:
-        """Return the text of a subexpression for use in another one.
-
-        A long text becomes a definition, and the name of the definition is returned.
-        """
+        """Return the text of a subexpression for use in another one. A long text gets a name, which is returned."""
         entry = self._known[node]
         if len(entry.text) > LONG_PART:
             entry = self._known[node] = self._defined(entry)
