@@ -77,9 +77,9 @@ def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the entries A_ij / (s_i s_j) of a matrix A. It is divided by one scale after the other.
+    """Return the entries A_ij / (s_i s_j) of A, the `matrix`, with s, the `scale`.
 
-    The product of two scales may underflow.
+    Each entry is divided twice, since the product of two scales may underflow.
     """
     return np.asarray(matrix / scale[:, None] / scale)
 

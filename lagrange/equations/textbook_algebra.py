@@ -307,7 +307,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def constraint_bias(self) -> list[MonomialSum]:
-        """Terms gamma of G a + gamma = 0, which are rates of psi at constant velocities.
+        """Terms gamma of the constraints on accelerations, G a + gamma = 0: rates of psi at constant velocities.
 
         psi is dphi/dt of a holonomic constraint phi = 0, or the constraint on velocities as stated.
         """

@@ -91,9 +91,9 @@ class Reading:
 class TypedReader:
     """Reader of typed equations in the symbols of one system.
 
-    `symbols` maps strict names to SymPy expressions: q, q_dot and q_ddot of each coordinate, parameters, given
-    functions and multipliers. `others` maps other spellings of multipliers and rates to strict names. `meanings` maps
-    the symbols that the answer defines, and their time derivatives, to their values.
+    `symbols` maps names as in scene files to SymPy expressions: q, q_dot and q_ddot of each coordinate, parameters,
+    given functions and multipliers. `others` maps other spellings of multipliers and rates to such names. `meanings`
+    maps the symbols that the answer defines, and their time derivatives, to their values.
     """
 
     def __init__(
