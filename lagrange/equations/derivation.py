@@ -238,10 +238,10 @@ class Derivation:
 
     @cached_property
     def constraint_forces(self) -> Mapping[str, Mapping[Any, Any]]:
-        """Generalized forces of the constraints, {constraint: {coordinate: lambda times the entry of G}}.
+        """Generalized forces of the constraints, {constraint: {coordinate: multiplier times derivative}}.
 
-        A row of G is dphi/dq of a holonomic constraint phi = 0, or dpsi/dv of a constraint psi = 0 on velocities. The
-        forces are in terms of lambda, q, v and t.
+        The derivative is dphi/dq of a holonomic constraint phi = 0, or dpsi/dv of a constraint psi = 0 on velocities.
+        The forces contain the multipliers lambda, coordinates q, velocities v and the time t.
         """
         gradient = self._written(
             "the constraint forces", lambda page: [[page.show(entry) for entry in row] for row in page.gradient]

@@ -316,7 +316,7 @@ class Equations:
 
     @property
     def unsettled(self) -> bool:
-        """True if velocities of coordinates without inertia are used as in a state, and must satisfy their equations."""
+        """True if velocities of coordinates without inertia are used as in a state, and must satisfy equations."""
         return bool(self.first_order) and not self.settled
 
     @cached_property

@@ -127,10 +127,10 @@ def _whole(mass: FloatArray, gradient: FloatArray) -> FloatArray:
 
 
 def _dependent(scaled: FloatArray, scale: FloatArray, *, normalised: bool) -> Singular:
-    """Return the linear combination of the rows of G that is nearest to zero, as a `Singular`.
+    """Return the linear combination of the gradients of constraints that is nearest to zero, as a `Singular`.
 
-    `scaled` (m, n) are the balanced rows, and `scale` their scale factors. If `normalised` is true, each row is first
-    divided by its length.
+    `scaled` (m, n) are the balanced gradients, and `scale` their scale factors. If `normalised` is true, each gradient
+    is first divided by its length.
     """
     sizes = np.sqrt((scaled**2).sum(axis=1))
     units = np.where(sizes > 0, sizes, 1.0) if normalised else np.ones(len(scaled))

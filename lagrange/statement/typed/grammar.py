@@ -30,7 +30,8 @@ _DIFFERENTIAL = re.compile(r"d[A-Z]\w*")  # Matches the differential of a functi
 class TypedFault(Exception):
     """Fault in a typed text: its `reason`, a sentence without the final period, and its `offset` in the text.
 
-    `read` is the part of the equation before the fault, in the strict notation, or "". `others` are further faults.
+    `read` is the part of the equation before the fault, in the notation of scene files, or "". `others` are further
+    faults.
     """
 
     def __init__(self, reason: str, offset: int) -> None:
@@ -95,9 +96,10 @@ def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> l
 
 @dataclass(frozen=True)
 class Part:
-    """Part of a formula in the strict notation, and its outermost operation `level`: SUM, PRODUCT, POWER or ATOM.
+    """Part of a formula in the strict notation of scene files.
 
-    `number` is true for constants. `moves` is true if the part contains a coordinate, a velocity or t.
+    `level` is its outermost operation: SUM, PRODUCT, POWER or ATOM. `number` is true for constants. `moves` is true if
+    the part contains a coordinate, a velocity or t.
     """
 
     text: str
@@ -139,9 +141,9 @@ class Choices:
 
 @dataclass
 class Formula:
-    """One reading of a formula in the strict notation, in which a new name replaces each d/dt(...).
+    """One reading of a formula in the strict notation of scene files, in which a new name replaces each d/dt(...).
 
-    `rates` maps each new name to (strict text of the differentiated expression, order of the derivative).
+    `rates` maps each new name to (text of the differentiated expression, order of the derivative).
     """
 
     text: str

@@ -84,7 +84,7 @@ class Names:
         self._readings: dict[str, list[list[Piece]]] = {}
 
     def _usual(self, defined: Collection[str]) -> Iterator[tuple[str, str]]:
-        """Yield (spelling, strict name) for spellings of textbooks: ell for l, v_x and a_x for the derivatives of x.
+        """Yield (spelling, name) for spellings of textbooks: ell for l, v_x and a_x for the derivatives of x.
 
         A Greek coordinate may have a capital letter. If v is a parameter, the word vx is a product. If v is one of the
         names `defined` in the answer, vx is not a product.
@@ -101,7 +101,7 @@ class Names:
                 yield from (pair for pair in pairs if pair[1] in self.exact)
 
     def readings(self, word: str) -> list[list[Piece]]:
-        """Return the readings of a word, the likeliest first. A reading is a list: one symbol, or factors."""
+        """Return the readings of a word, the likeliest first: lists of one symbol, or of the factors of a product."""
         if word not in self._readings:
             spelled = "".join(GREEK.get(mark, mark) for mark in word)
             whole = self.exact.get(word) or self.exact.get(spelled)
