@@ -1,7 +1,7 @@
-"""`check`: compare every compiled quantity with numerical derivatives of the stated energies, at random points.
+"""Compare every compiled quantity with numerical derivatives of the stated energies, at random points (`check`).
 
-A stated system is checked on both targets, llvm and numpy, and with accelerations derived as in a textbook.
-The numbers of points are here; the accepted error is in `report`.
+A stated system is checked on both targets, llvm and numpy, and with accelerations derived as in a textbook. The numbers
+of points are here; the accepted error is in `report`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import sympy
 from lagrange.equations.derivation import too_large
 from lagrange.equations.solve_plan import has_large_block
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.laws import ConstraintSurface
+from lagrange.evidence.differences import ConstraintSurface
 from lagrange.evidence.precise import BeyondDoubles, OutsideDomain, Precise, all_ways, describe_way
 from lagrange.evidence.quick import quick_check, solved_statement
 from lagrange.evidence.reference import REFERENCE_DIGITS, Reference
@@ -46,31 +46,40 @@ from lagrange.statement.statement import Statement
 __all__ = ["check", "quick_check", "textbook_tape"]
 
 FAR_POINTS = 300
-"""Number of random points tried to reach branches of the energies that no other point reaches."""
+"""Number of random points tried to reach branches of conditions in the energies that no other point reaches."""
 
 POINTS, FEW_POINTS, MANY_COORDINATES = 5, 3, 200
-"""Points of a check; points of a check of a large system; number of coordinates above which a system is large."""
+"""Number of points of a check; number for a large system; number of coordinates above which a system is large."""
 
 MOST_WORK = 60_000_000
-"""Largest estimated time of the reference values of a check, in units of 0.2 us, if the number of points is not given.
+"""Largest estimated time of the reference values of a check, in units of 0.2 us, if `points` is None.
 
 All entries of a chain of 10 links in relative angles are compared at 5 points: 46 million units, and 10 s in fact.
 """
 
 SMALL_ENTRY = 1e-12
-"""An entry of the state below this fraction of the largest counts as zero: it has no size of its own."""
+"""An entry of the state below this fraction of the largest counts as zero.
+
+Its size then says nothing about a suitable step.
+"""
 
 MOST_CHECKED_POINTS = 10_000
 """Largest number of points of one check."""
 
 MOST_FAR_POINTS = 6
-"""Largest number of points added to cover such branches."""
+"""Largest number of points added to cover branches of conditions."""
 
 MOST_JACOBIAN_COLUMNS = 24
-"""Largest number of Jacobian columns checked at one point: five points cover all columns of 60 coordinates."""
+"""Largest number of Jacobian columns checked at one point.
+
+Five points cover all columns of 60 coordinates.
+"""
 
 COSTLY_REFUSALS = 25
-"""Give up after this many points that fail late, after differencing (singular mass matrix, no derivative)."""
+"""Largest number of points that fail only after the differences are computed; then the check ends.
+
+Such a point has a singular mass matrix, or lacks a derivative.
+"""
 
 QUANTITIES = {
     "lagrangian": "L",
@@ -91,7 +100,7 @@ CONSTRAINT_QUANTITIES = {
     "constraint_forces": "constraint forces",
 }
 PRODUCTS = {"mass_matrix": "mass matrix times direction", "jacobian": "Jacobian times direction"}
-"""Rows of a large system, in place of those of all entries of the two matrices."""
+"""Rows of the report of a large system, in place of the rows for all entries of the two matrices."""
 TEXTBOOK = "textbook accelerations"
 BATCH = "batch against single"
 
@@ -109,12 +118,12 @@ def check(
     Some of the points satisfy the constraints; the others need not.
 
     `textbook` maps each coordinate to its acceleration as a SymPy expression, derived in another way, and adds a row to
-    the report. `other`, the same system compiled for another target, adds a row as well. The same `seed` gives the same
-    points. Without `points` there are 5, or 3 for more than 200 coordinates. If the reference values there would take
-    longer than about 10 s, the mass matrix and the Jacobian are compared only along random directions, and there may be
-    fewer points. A note in the report then says so. The cost grows with the number of terms of L that contain each
-    coordinate, and with the cube of the number of coordinates if all are coupled. Raises StatementError for fewer than
-    one point, and for a textbook that lacks a coordinate.
+    the report. `other` is the same system compiled for another target, and adds a row as well. Equal seeds give equal
+    points. If `points` is None, there are 5 points, or 3 for more than 200 coordinates. If the reference values at
+    these points would take longer than about 10 s, there may be fewer points, and the mass matrix and the Jacobian are
+    compared only along random directions. A note in the report then says so. The cost grows with the number of terms of
+    L that contain each coordinate, and with the cube of the number of coordinates if all are coupled. Raises
+    StatementError for fewer than one point, and for a textbook that lacks a coordinate.
     """
     points = None if points is None else whole_number(points, "points", 1, MOST_CHECKED_POINTS)
     seed = whole_number(seed, "seed", 0)
@@ -137,8 +146,8 @@ class _Session:
         self.statement = model.statement
         self.reference = Reference(self.statement, model.equations.first_order, model.equations.settled)
         self.full_count = points or (FEW_POINTS if len(self.statement.coordinates) > MANY_COORDINATES else POINTS)
-        # All columns of the Jacobian are checked if there are few; otherwise each point checks the next few columns in
-        # turn. If that takes too long, a direction replaces them, and the number of columns is 0.
+        # If the Jacobian has many columns, each point checks the next few of them in turn. If that takes too long, a
+        # direction replaces the columns, and their number is 0.
         width = len(self.statement.state_names)
         columns = min(width, MOST_JACOBIAN_COLUMNS, max(8, math.ceil(width / self.full_count)))
         rest, column, along = self.reference.work()
@@ -164,8 +173,8 @@ class _Session:
     def take(self, k: int) -> None:
         """Compare all quantities with their reference values at one random point, number `k` of the check.
 
-        Points are drawn until one is in the domain of L. Nothing is compared if the number of draws is at its limit,
-        or if too many points fail only after expensive computations.
+        Points are drawn until one is in the domain of L. Nothing is compared after too many draws, or after too many
+        points that fail only after expensive computations.
         """
         for attempt in range(DRAWS_PER_KIND * len(SAMPLE_KINDS)):
             if self.costly > COSTLY_REFUSALS:
@@ -176,7 +185,7 @@ class _Session:
                 return
 
     def _on_constraints(self, point: SamplePoint) -> SamplePoint:
-        """Return the nearest point that satisfies the constraints, or `point` itself if none is found."""
+        """Return the nearest point that satisfies the constraints, or `point` unchanged if none is found."""
         if not self.statement.constraints:
             return point
         try:
@@ -186,7 +195,7 @@ class _Session:
         return replace(point, q=tuple(map(float, q)), v=tuple(map(float, v)), kind=f"{point.kind}, on the constraints")
 
     def cover_branches(self) -> None:
-        """Compare all quantities at a few more points, where conditions, Abs, sign, Min or Max take new branches."""
+        """Compare all quantities at more points, at which conditions, Abs, sign, Min or Max have new outcomes."""
         added, most = 0, MOST_FAR_POINTS if self.column_count else 1
         for _ in range(FAR_POINTS):
             if added == most or not self._missing():
@@ -260,7 +269,7 @@ class _Session:
     def _columns(self, point: SamplePoint) -> Columns:
         """Return the indices of the Jacobian's columns to check at the next point, or a random direction.
 
-        Each weight of the direction is about the entry of the state, or about the largest coordinate or velocity if
+        The weight of an entry in the direction is of the size of the entry, or of the largest coordinate or velocity if
         the entry is much smaller.
         """
         width, start = len(self.statement.state_names), len(self.used) * self.column_count
@@ -292,7 +301,7 @@ class _Session:
         self.comparison.add(TEXTBOOK, labels, computed(self.model, "accelerations", point, []), part.around(expected))
 
     def _compare_absence(self, point: SamplePoint) -> None:
-        """Record a failure if the compiled L has a value at a point where the stated L has none."""
+        """Report a failure if the compiled L has a value at a point where the stated L has none."""
         try:
             self.reference.lagrangian(point.q, point.v, point.t, point.parameters)
         except BeyondDoubles:
@@ -316,7 +325,7 @@ class SolvedTextbook:
     """The accelerations of a textbook derivation with rotations, as a function of the state.
 
     A call solves a linear system for the accelerations of coordinates and of small rotations of bodies, and for the
-    multipliers. The accelerations of quaternions follow from those of the small rotations.
+    multipliers. The accelerations of quaternions are computed from those of the small rotations.
     """
 
     def __init__(self, derivation: Any, statement: Statement, prescribed: Mapping[Any, Any]) -> None:
@@ -332,7 +341,7 @@ class SolvedTextbook:
         rows, symbols = [*laws, *(accelerations[q] for q in statement.coordinates)], list(unknown.values())
         still = dict.fromkeys(symbols, sympy.S.Zero)
         rest = [row.xreplace(still) for row in rows]
-        # Each row is linear: a difference gives a coefficient, and takes less time than a derivative.
+        # Each row is linear, so a difference gives a coefficient, in less time than a derivative.
         entries = [
             row.xreplace({**still, symbol: sympy.S.One}) - alone
             for row, alone in zip(rows, rest, strict=True)
@@ -356,7 +365,7 @@ class SolvedTextbook:
 
 
 Textbook = Mapping[Any, Any] | SolvedTextbook
-"""Accelerations by coordinate, or equations that are solved at each point."""
+"""Accelerations by coordinate, or the equations that determine them, which are solved at each point."""
 
 
 def textbook_tape(textbook: Textbook, statement: Statement) -> Precise | SolvedTextbook:
@@ -382,14 +391,14 @@ def textbook_tape(textbook: Textbook, statement: Statement) -> Precise | SolvedT
 
 
 MOST_DERIVED = 100
-"""Largest number of coordinates for which the textbook derivation is compared; it takes about 10 s for 300."""
+"""Largest number of coordinates for which the textbook derivation is compared; for 300 it takes about 10 s."""
 
 
 def check_stated(system: Stated, target: str, points: int | None, seed: int) -> Report:
     """Return the report on a system compiled for `target`: every quantity is compared with its definition.
 
-    `points` is the number of random states, and `seed` determines them; with None the number depends on the size of
-    the system. The textbook derivation and the other target are compared as well, if they are available.
+    `points` is the number of random states, and `seed` determines them. If `points` is None, the number depends on the
+    size of the system. The textbook derivation and the other target are compared as well, if they are available.
     """
     model = system.compile(target, check=False)
     statement = solved_statement(model)
@@ -408,7 +417,7 @@ def check_stated(system: Stated, target: str, points: int | None, seed: int) -> 
 
 
 def _textbook(system: Stated, model: Model) -> tuple[Textbook | None, tuple[str, ...]]:
-    """Return the accelerations of the textbook derivation and no notes, or None and a note that they are too large.
+    """Return (accelerations of the textbook derivation, no notes), or (None, a note that they are too large).
 
     `model` is the compiled system.
     """
@@ -419,7 +428,7 @@ def _textbook(system: Stated, model: Model) -> tuple[Textbook | None, tuple[str,
         return None, (f"not compared with the textbook derivation, {limit}",)
     derivation, equations = system.derivation(), model.equations
     try:
-        # The graph shows a mass matrix that is too large in less time than the derivation takes.
+        # The graph tells sooner than the derivation whether the mass matrix is too large.
         nonzero = [[entry is not equations.graph.zero for entry in row] for row in equations.mass]
         if system.statement.reading is None and has_large_block(nonzero):
             raise too_large(system.statement)

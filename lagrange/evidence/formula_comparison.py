@@ -1,4 +1,4 @@
-"""Comparison of compiled numbers with the formulas of a statement, at random states."""
+"""Verify formulas of an analysis, such as a linearization, against numbers of the compiled model at random states."""
 
 from __future__ import annotations
 
@@ -12,29 +12,32 @@ from lagrange.statement.random_states import SamplePoint, holds, random_points
 from lagrange.statement.statement import Statement
 
 PLACES = 2
-"""Number of random states at which a formula is compared. A wrong formula agrees at one with probability zero."""
+"""Number of random states at which a formula is compared. A wrong formula agrees at one only by chance."""
 
 LARGEST_ERROR = 1e-8
-"""Largest difference, relative to the largest number compared. Cancellation costs some digits, a wrong term all."""
+"""Largest difference, relative to the largest number compared.
+
+Cancellation costs some digits, and a wrong term costs all.
+"""
 
 
 Values = Callable[[SamplePoint], tuple[Sequence[float], Sequence[complex]]]
-"""Function that returns compiled numbers and the values of their formulas at a point."""
+"""Function that returns compiled numbers, and the values of their formulas, at a point."""
 
 
 def compared(what: str, statement: Statement, values: Values) -> None:
     """Compare values of formulas with compiled numbers at random states.
 
-    `values(point)` returns the compiled numbers and those of the formulas. Raises RunError if they differ; its
-    message begins with `what`. A state at which a formula or a compiled number has no value is skipped.
+    `values(point)` returns both lists. A state at which one of them has no value is skipped. Raises RunError if they
+    differ; its message begins with `what`.
     """
     holds(random_points(statement, seed=0), lambda point: agrees(what, statement, point, values), PLACES)
 
 
 def agrees(what: str, statement: Statement, point: SamplePoint, values: Values) -> bool | None:
-    """Return True if compiled numbers and values of formulas agree at a point; None if one has no value there.
+    """Return True if compiled numbers and values of formulas agree at a point; None if any of them has no value.
 
-    `values(point)` returns both. Raises RunError if they differ; its message begins with `what`.
+    `values(point)` returns both lists. Raises RunError if they differ; its message begins with `what`.
     """
     try:
         compiled, formulas = values(point)

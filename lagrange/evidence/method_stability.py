@@ -1,4 +1,4 @@
-"""Linear stability of a step: its growth factor on an oscillation with the eigenvalues z and its conjugate.
+"""Compute the linear stability of an integration method: growth factors and stability intervals of its step.
 
 A step program only combines vectors and calls the right-hand side. On a linear system it is therefore a matrix, and the
 unknowns of an implicit step solve linear equations. Tableaus and formulas of the methods are not used.
@@ -24,13 +24,16 @@ from lagrange.trajectory.plan import Stepped
 FloatArray = NDArray[np.float64]
 
 GROWTH_TOLERANCE = 1e-9
-"""Growth per step that counts as rounding: eigenvalues of matrices that are not normal lose some digits."""
+"""Largest growth per step that counts as rounding.
+
+Eigenvalues of matrices that are not normal lose some digits.
+"""
 
 SEEN = 1e-13
-"""Growth per step that is visible above the rounding errors of the matrix and of its eigenvalues, for small steps."""
+"""Smallest growth per step that exceeds the rounding errors of the matrix and of its eigenvalues, for small steps."""
 
 LARGEST_EXTENT, BISECTIONS = 1e4, 60
-"""Largest stable interval that is searched, in units of 1/step, and the number of bisections for its end."""
+"""Length of the axis on which a stable interval is searched, in units of 1/step; number of bisections for its end."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +41,7 @@ class Stability:
     """Stability intervals of a step: eigenvalues whose oscillation or decay the step does not amplify.
 
     `real` and `imaginary` are the lengths of the stable intervals on the negative real and on the imaginary axis, in
-    units of 1/step; infinite for an interval without end. A symplectic splitting cannot treat damping, so its `real` is
-    NaN.
+    units of 1/step; a length may be infinite. `real` is NaN for a symplectic splitting, which cannot treat damping.
     """
 
     real: float
@@ -52,8 +54,8 @@ class Stability:
 class _Map:
     """The vectors of a step as linear maps of its initial state: arrays (Z, n, m) for Z linear systems at once.
 
-    Each system is q'' = -k q - c v with the eigenvalues z and its conjugate; the step length is 1. n is 2 for a step
-    of y = [q, v], else 1, and m is the length of the initial state.
+    Each system is q'' = -k q - c v with an eigenvalue z and its conjugate; the step length is 1. n is 2 for a step of y
+    = [q, v], else 1, and m is the length of the initial state.
     """
 
     def __init__(self, step: StepProgram, z: NDArray[np.complex128]) -> None:
@@ -73,7 +75,7 @@ class _Map:
         self.numbers = numbers_of(step, step.scalars(step.numbers), 0.0, 1.0, 1.0)
 
     def whole(self) -> FloatArray:
-        """Return the matrix of a whole step (Z, m, m); for a two-step method it maps [new state, previous state]."""
+        """Return the matrices (Z, m, m) of a whole step. For a two-step method they map [new state, previous state]."""
         for action in self.step.actions:
             if isinstance(action, LawCall):
                 self.call(action)
@@ -137,7 +139,10 @@ class _Map:
 
 
 def _solved(matrices: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the solutions of linear systems (Z, m, m); infinite for a singular one, which is a pole of the step."""
+    """Return the solutions of linear systems (Z, m, m).
+
+    Solutions of a singular system, a pole of the step, are infinite.
+    """
     try:
         return np.asarray(np.linalg.solve(matrices, right), dtype=float)
     except np.linalg.LinAlgError:
@@ -147,12 +152,12 @@ def _solved(matrices: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def growth(method: Any, z: ArrayLike) -> FloatArray:
-    """Return the growth factors of a step for linear oscillations, in the shape of z.
+    """Return the growth factors of a step for linear oscillations, in the shape of `z`.
 
     `method` is a registered name, an instance, or a step program. Each complex number in `z` is an eigenvalue times the
     step length; the oscillation has this eigenvalue and its conjugate. The growth factor is the spectral radius of the
-    step's matrix, infinite at a pole of an implicit step. Raises StatementError for a splitting, which cannot treat
-    damping, if z is not imaginary.
+    step's matrix; it is infinite at a pole of an implicit step. Raises StatementError for a splitting, which cannot
+    treat damping, unless `z` is imaginary.
     """
     step, rates = step_of(method), complex_array(z, "z")
     if step.law == "accelerations" and (np.abs(rates.real) > 1e-12 * np.abs(rates)).any():
@@ -178,7 +183,10 @@ def stability(method: Any) -> Stability:
 
 
 def _extent(step: StepProgram, direction: complex) -> float:
-    """Return the largest distance from 0 in a direction up to which the step is stable: 0 if nowhere, or infinite."""
+    """Return the largest distance from 0 in a direction up to which the step is stable.
+
+    The result is 0 if the step is stable nowhere, and infinite if it is stable everywhere.
+    """
     grid = np.concatenate([np.linspace(0.01, 20.0, 2000), np.geomspace(20.0, LARGEST_EXTENT, 400)])
     unstable = growth(step, direction * grid) > 1.0 + GROWTH_TOLERANCE * np.maximum(1.0, grid)
     if not unstable.any():
@@ -195,7 +203,10 @@ def _extent(step: StepProgram, direction: complex) -> float:
 
 
 def step_of(method: Any) -> StepProgram:
-    """Return the step program of a method: a name, an instance, or a program. Raises StatementError without one."""
+    """Return the step program of a method: a name, an instance, or a program.
+
+    Raises StatementError for a method without a step program.
+    """
     if isinstance(method, StepProgram):
         return method
     integrator = find(method)

@@ -1,4 +1,4 @@
-"""Evaluation of SymPy expressions with mpmath to a chosen number of digits, independent of graphs and compiled code.
+"""Evaluate SymPy expressions with many digits (mpmath), independent of graphs and compiled code.
 
 The switches of an expression are its conditions, Abs, sign, Min and Max: they select between formulas.
 """
@@ -27,9 +27,9 @@ _LIMITS = {
     "periodic": (1024, "an angle beyond the range of double precision"),
     "": (10**9, ""),
 }
-"""Largest binary exponent of an argument by the spread of a function, and the message beyond it.
+"""Largest binary exponent of an argument, by the kind of function, and the message beyond it.
 
-Beyond 40 mpmath's exp does not return. Of an angle above all doubles it would compute as many digits of pi as the
+Beyond 40 mpmath's exp does not return. For an angle above all doubles it would compute as many digits of pi as the
 integer part has.
 """
 
@@ -67,7 +67,7 @@ def _power(exponent: Any, prec: int) -> Operation:
 
 
 def _unary(function: Callable[[Any, int, str], Any], spread: str) -> Callable[[int], Operation]:
-    # Cached: differencing moves one coordinate at a time, so the same few arguments recur.
+    # Cached, since differences move one coordinate at a time, so that the same few arguments recur.
     return lambda prec: lru_cache(maxsize=1024)(lambda x: function(_bounded(x, spread), prec, "n"))
 
 
@@ -126,7 +126,7 @@ def _piecewise(_: int) -> Operation:
 
 @cache
 def _numeric() -> Mapping[Any, Callable[[int], Operation]]:
-    """Return the operation of each SymPy class, for a precision in bits."""
+    """Return the operation of each SymPy class, as a function of the precision in bits."""
     return {
         sympy.Add: lambda prec: lambda *terms: libmp.mpf_sum(terms, prec, "n"),
         sympy.Mul: _multiply,
@@ -147,9 +147,9 @@ def _numeric() -> Mapping[Any, Callable[[int], Operation]]:
 
 
 def _decided(parts: Sequence[Any], *, verdict: bool) -> Any:
-    """Return the truth value of And (if `verdict` is False) or of Or (if it is True), from the values of its parts.
+    """Return the truth value of Or (if `verdict` is True) or And (if it is False), from the values of its parts.
 
-    It is `verdict` if a part has this value. Otherwise a part without a value is returned, if there is one.
+    The result is `verdict` if a part has this value. Otherwise it is a part without a value, if there is one.
     """
     if any(part is verdict for part in parts):
         return verdict
@@ -166,7 +166,7 @@ BOOLEAN: dict[Any, Operation] = {
     sympy.And: lambda *parts: _decided(parts, verdict=False),
     sympy.Or: lambda *parts: _decided(parts, verdict=True),
     sympy.Not: lambda part: not part if isinstance(part, bool) else part,
-    # SymPy makes an ITE for a Max inside a Max. A condition without a value is the result itself.
+    # SymPy creates an ITE for a Max inside a Max. A condition without a value is itself the result.
     sympy.ITE: lambda condition, a, b: condition if not isinstance(condition, bool) else a if condition else b,
 }
 
@@ -182,7 +182,7 @@ Inputs = Sequence[Any]
 
 @cache
 def _context(digits: int) -> Any:
-    """Return the mpmath context of this module for a number of digits, cached because creating one is slow."""
+    """Return the mpmath context with a number of digits. It is cached, because its creation is slow."""
     context = MPContext()
     context.dps = digits
     return context
@@ -191,7 +191,8 @@ def _context(digits: int) -> Any:
 class _Instruction(NamedTuple):
     """One instruction of a program: it writes to slot `out` and reads the slots `arguments`.
 
-    `needs` has a bit for each input of the program on which its result depends.
+    `numeric` is true if the result is a number. `needs` has a bit for each input of the program on which the result
+    depends.
     """
 
     out: int
@@ -210,8 +211,8 @@ class Precise:
     value. `entries` are the indices in (q, v) of the coordinates and velocities that occur. Values of the symbols in
     `further` are passed among the parameters.
 
-    A call repeats only instructions whose inputs have changed since the previous call, since differencing moves one
-    coordinate at a time. An instance therefore serves one thread only.
+    A call repeats only instructions whose inputs have changed since the previous call, since differences move one
+    coordinate at a time. An instance therefore must not be used by several threads.
     """
 
     def __init__(
@@ -238,13 +239,16 @@ class Precise:
         return [make(values[slot]) for slot in self._outputs]
 
     def work(self, entry: int | None = None) -> int:
-        """Return the estimated time of a call in units of 0.2 us, where all entries of (q, v) changed or only one."""
+        """Return the estimated time of a call, in units of 0.2 us.
+
+        `entry` is the only entry of (q, v) that has changed since the last call; None means that all have changed.
+        """
         changed = -1
         if entry is not None:
             kind, key = ("q", entry) if entry < self._dimension else ("v", entry - self._dimension)
             changed = sum(1 << bit for bit, (_, leaf) in enumerate(self._load) if leaf == (kind, key))
-        # Units: 20 for an operation, which perturbed copies take three times as long for, and 1 for each argument, 1/3
-        # for a skipped operation, 3 for the comparison of an input with its last value. Chains took 0.19 to 0.23 us.
+        # Units: 20 for an operation (its perturbed copies take three times as long), 1 for each argument, 1/3 for a
+        # skipped operation, 3 for the comparison of an input with its last value. In chains a unit took about 0.2 us.
         idle = len(self._code) // 3 + 3 * len(self._load)
         return idle + sum(20 + len(step.arguments) for step in self._code if step.needs & changed)
 
@@ -274,10 +278,10 @@ class Precise:
     def perturbed(self, size: float, seed: int) -> Precise:
         """Return a copy in which every computed number and its slope have fixed random factors 1 + O(size).
 
-        This models rounding, large enough to measure and smooth enough to be differentiated. The change of a derivative
-        then measures its rounding error, cancellation included. Slopes need separate factors, because the terms of x/(1
-        + x), for example, cancel only in its slope. The factor of a slope applies to changes since the last call of
-        `about`, or since the first evaluation.
+        These factors model rounding errors, large enough to be measured and smooth enough to be differentiated. The
+        change of a derivative then measures its rounding error, cancellation included. Slopes need separate factors,
+        because the terms of x/(1 + x), for example, cancel only in its slope. The factor of a slope applies to changes
+        since the last call of `about`, or since the first evaluation.
         """
         draw = random.Random(seed)
         copy = object.__new__(Precise)
@@ -331,8 +335,8 @@ class Precise:
 def _no_value(error: Exception, arguments: Sequence[Any]) -> OutsideDomain:
     """Return the exception object that is stored as the result of an operation without a value.
 
-    No operation accepts it as an argument, so results that depend on it have no value either. A Piecewise ignores it
-    in a branch that is not selected.
+    Operations on this object fail, so results that depend on it have no value either. A Piecewise ignores it in a
+    branch that is not selected.
     """
     if isinstance(error, TypeError):
         broken = [argument for argument in arguments if isinstance(argument, OutsideDomain)]
@@ -365,7 +369,7 @@ def _scaled(step: _Instruction, delta: Any, slope: Any, first_results: dict[int,
 
 @lru_cache(maxsize=1)
 def _inputs(statement: Statement) -> Mapping[Any, tuple[str, Any]]:
-    """Return {symbol: (kind, key)} of a statement's symbols: t, a parameter, or an entry of q or v by its index."""
+    """Return {symbol: (kind, key)} for t, the parameters, and the entries of q and v, whose key is the index."""
     leaves: dict[Any, tuple[str, Any]] = {time: ("t", None)}
     leaves.update((p, ("p", p)) for p in statement.parameters)
     leaves.update((q, ("q", i)) for i, q in enumerate(statement.coordinates))
@@ -458,8 +462,8 @@ def _constant(node: Any, prec: int) -> Any:
 def all_ways(switch: Any) -> tuple[int, ...]:
     """Return all possible outcomes of a switch, which is a condition, Abs, sign, Min or Max.
 
-    They are 0 and 1 for a condition, -1 and 1 for the sign of an argument, and the indices of arguments for Min and
-    Max.
+    The outcomes are 0 and 1 for a condition, -1 and 1 for the sign of an argument, and the indices of arguments for Min
+    and Max.
     """
     if isinstance(switch, (sympy.Min, sympy.Max)):
         return tuple(range(len(switch.args)))
@@ -467,7 +471,7 @@ def all_ways(switch: Any) -> tuple[int, ...]:
 
 
 def describe_way(switch: Any, way: int, statement: Statement) -> str:
-    """Return a clause in the user's symbols that describes the outcome `way`, such as ``x > 1 does not hold``."""
+    """Return a clause in the user's symbols for the outcome `way` of a switch, such as ``x > 1 does not hold``."""
     if isinstance(switch, (sympy.Min, sympy.Max)):
         return f"{_text(switch.args[way], statement)} is the one that {_text(switch, statement)} takes"
     if isinstance(switch, (sympy.Abs, sympy.sign, sympy.Heaviside)):

@@ -1,4 +1,7 @@
-"""A run in multiple precision: the stated equations of motion are formed by differences, not derived in symbols."""
+"""Integrate a system in multiple precision, as a reference for runs in doubles.
+
+The stated equations of motion are formed by differences, not derived in symbols. The method is Gauss's collocation.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,22 @@ import numpy as np
 from sympy import Symbol
 
 from lagrange.errors import RunError
-from lagrange.evidence import laws
-from lagrange.evidence.laws import ConstraintSurface, DifferenceSteps, Numbers, Sources, StatedConstraints
+from lagrange.evidence import differences
+from lagrange.evidence.differences import ConstraintSurface, DifferenceSteps, Numbers, Sources, StatedConstraints
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement
 
 GUARD = 14
-"""Number of guard digits, in addition to the digits that the differences lose."""
+"""Number of additional digits, beyond the digits that the differences lose."""
 
 
-class PreciseLaws:
-    """Residuals of the equations of motion in multiple precision, from the stated L, Q and D."""
+class PreciseEquations:
+    """Residuals of the equations of motion in multiple precision, from the stated L, Q and D.
+
+    `digits` is the number of digits that the residuals keep.
+    """
 
     def __init__(self, statement: Statement, parameters: Mapping[Any, float], digits: int) -> None:
         # dp/dt is a difference of differences: it loses twice the digits of the step, and its error is the square of
@@ -50,16 +56,19 @@ class PreciseLaws:
             for_mass=lambda i: energy,
             applied=lambda q, v, t: loads(q, v, t, values)[:-1],
             dissipation=(lambda i: lambda q, v, t: loads(q, v, t, values)[-1]) if statement.dissipation != 0 else None,
-            nudge=laws.exactly,
+            nudge=differences.exactly,
             read=lambda i: range(len(statement.state_names)),
             touched=lambda j: range(len(statement.coordinates)),
         )
         holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
-        self.held = StatedConstraints.alike(lambda q, v, t: constraints(q, v, t, values), holonomic)
+        self.constraints = StatedConstraints.alike(lambda q, v, t: constraints(q, v, t, values), holonomic)
 
     def on_constraints(self, t: Any, state: Numbers) -> Numbers:
-        """Return the state at time t moved onto the constraints: states drift off. Raises RunError if that fails."""
-        if not self.held.holonomic:
+        """Return a state at time t moved onto the constraints, from which given states may differ by rounding.
+
+        Raises RunError if no state on the constraints is found.
+        """
+        if not self.constraints.holonomic:
             return state
         n = len(state) // 2
         try:
@@ -69,7 +78,7 @@ class PreciseLaws:
         return [*q, *v]
 
     def steps(self, q: FloatArray, v: FloatArray, length: float) -> DifferenceSteps:
-        """Return the difference steps for an interval of length `length`, with states q and v, (s, n) each."""
+        """Return the difference steps for an interval of the given `length`, in which q and v (s, n) are states."""
         unit = self.number(10) ** -self.exponent
         sizes = [np.abs(x).max(axis=0) for x in (q, v)]
         by_q, by_v = ([unit * (float(x) or 1.0) for x in size] for size in sizes)
@@ -78,19 +87,25 @@ class PreciseLaws:
     def residual(
         self, q: Numbers, v: Numbers, a: Numbers, multipliers: Numbers, t: Any, steps: DifferenceSteps
     ) -> Numbers:
-        """Return [dp/dt - f - G^T lambda, dpsi/dt], n + m numbers that are zero for the motion."""
+        """Return [dp/dt - f - G^T lambda, dpsi/dt], n + m numbers that are zero for the motion.
+
+        `a` are the accelerations, and `multipliers` are lambda. `steps` are the difference steps.
+        """
         free = self.source.residual(q, v, t, steps, a)
-        if not self.held.holonomic:
+        if not self.constraints.holonomic:
             return free
-        exerted = zip(*laws.reactions(self.held.gradient(q, v, t, steps), multipliers), strict=True)
+        exerted = zip(*differences.reactions(self.constraints.gradient(q, v, t, steps), multipliers), strict=True)
         balance = [x - sum(forces) for x, forces in zip(free, exerted, strict=True)]
-        return [*balance, *self.held.acceleration_level(q, v, t, steps, a)]
+        return [*balance, *self.constraints.acceleration_level(q, v, t, steps, a)]
 
 
 Improvement = Callable[[FloatArray], FloatArray]
 
 LEAST_POINTS = 8
-"""Smallest number of points per interval. With more digits it equals the number of digits, which is about optimal."""
+"""Smallest number of points per interval.
+
+With more digits the number of points equals the number of digits, which is about optimal.
+"""
 
 SHORTEST_INTERVAL = 1e-9
 """Shortest interval, relative to the length of the run."""
@@ -99,20 +114,22 @@ LARGEST_GROWTH = 2.0
 """Largest ratio of the lengths of an interval and the previous one."""
 
 AGREED = 1e-9
-"""The iteration in doubles has converged if its relative change is below this. It is also the first guess of its
-contraction rate."""
+"""Largest relative change at which the iteration in doubles has converged.
+
+It is also the first estimate of the contraction rate.
+"""
 
 SWEEPS = 10
-"""Largest number of iterations for an interval. Two or three suffice unless the interval is too long."""
+"""Largest number of iterations for an interval. Two or three suffice, unless the interval is too long."""
 
 WORTHWHILE = 0.1
-"""Largest contraction rate of the corrections. A larger one means that the interval is too long."""
+"""Largest contraction rate of the corrections. A larger rate means that the interval is too long."""
 
 SLACK = 100.0
 """Factor by which the last coefficients of the series of the accelerations may exceed their expected size."""
 
 SAFETY = 0.1
-"""Ratio of the largest accepted estimate of the series' truncation to the tolerance."""
+"""Ratio of the largest accepted estimate of the truncation error of the series to the tolerance."""
 
 
 def precise_run(
@@ -125,16 +142,16 @@ def precise_run(
     digits: int = 30,
     max_wall: float | None = None,
 ) -> list[list[Any]]:
-    """Return the states [q, v] at `times`, 2n mpmath numbers each. The times are monotonic and start after t0.
+    """Return the states [q, v] at `times`, 2n mpmath numbers each, of the motion from the state `y0` at t0.
 
-    `parameters` has a value for every parameter; floats are converted exactly. About `digits` digits are right after a
-    short run. An unstable motion loses some of them, as a second run with more digits shows. A run of 10 s of a double
-    pendulum takes about 2 s. Raises RunError if the run cannot continue, for example at a jump of the forces, or if it
-    takes longer than `max_wall` seconds.
+    The times are monotonic and start after t0. `parameters` has a value for every parameter; floats are converted
+    exactly. About `digits` digits are right after a short run. An unstable motion loses some of them, as a second run
+    with more digits shows. A run of 10 s of a double pendulum takes about 2 s. Raises RunError if the run cannot
+    continue, for example at a jump of the forces, or if it takes longer than `max_wall` seconds.
     """
     run = _PreciseRun(model, parameters, digits, None if max_wall is None else time.perf_counter() + max_wall)
-    number = run.laws.number
-    state = run.laws.on_constraints(t0, [number(x) for x in y0])
+    number = run.equations.number
+    state = run.equations.on_constraints(t0, [number(x) for x in y0])
     now, states = number(t0), []
     whole = abs(float(times[-1]) - t0) if len(times) else 0.0
     for end in times:
@@ -167,7 +184,7 @@ class _Rule:
 
 @dataclass(frozen=True)
 class _Interval:
-    """Solution of an interval in doubles: q, v and a at the s points of Gauss's rule, (s, n) each.
+    """Solution of an interval in doubles: q, v and a at the s points of Gauss's rule, (s, n) each, and `times` (s,).
 
     `sizes` (n,) are the scales of the accelerations. `factor` is the length of the next interval divided by the length
     of this one. `improve` maps residuals of the equations to corrections of the accelerations.
@@ -183,22 +200,25 @@ class _Interval:
 
 
 class _TooLong(Exception):
-    """Error: the interval is too long. The iteration fails, or the rule does not resolve the accelerations."""
+    """Raised if an interval is too long: the iteration fails, or the accelerations are not resolved."""
 
 
 class _PreciseRun:
-    """One run in multiple precision: its laws, its quadrature rule, its time limit and its next interval's length."""
+    """A run in multiple precision: equations of motion, quadrature rule, time limit, length of the next interval."""
 
     def __init__(self, model: Model, parameters: Mapping[Any, float], digits: int, deadline: float | None) -> None:
         self.parameters = dict(parameters)
         self.digits, self.deadline = digits, deadline
-        self.laws = PreciseLaws(model.statement, parameters, digits)
-        self.rule = _rule(max(LEAST_POINTS, digits), self.laws.context)
+        self.equations = PreciseEquations(model.statement, parameters, digits)
+        self.rule = _rule(max(LEAST_POINTS, digits), self.equations.context)
         self.model = model
         self.length: float | None = None
 
     def advance(self, t: Any, end: Any, state: Numbers, run_length: float) -> Numbers:
-        """Integrate from `state` at time t, and return the state at `end`. Steps are halved until they succeed."""
+        """Return the state at the time `end`, by integration from `state` at the time t.
+
+        Intervals are halved until they succeed. `run_length` is the length of the whole run.
+        """
         while t != end:
             left = float(end - t)
             parts = 1 if self.length is None else math.ceil(abs(left) / self.length)
@@ -215,7 +235,7 @@ class _PreciseRun:
         return state
 
     def _check(self, t: float, length: float, run_length: float) -> None:
-        """Raise RunError after the time limit, or for an interval `length` too short for a run of `run_length`."""
+        """Raise RunError after the time limit, or if `length` is too short an interval for a run of `run_length`."""
         if self.deadline is not None and time.perf_counter() > self.deadline:
             raise RunError(f"the precise run took longer than its time limit: it was at t = {t:.6g}.")
         if abs(length) < SHORTEST_INTERVAL * run_length:
@@ -225,7 +245,7 @@ class _PreciseRun:
             )
 
     def _guess(self, t: float, h: float, state: Numbers) -> _Interval:
-        """Return the solution in doubles of the interval from t to t + h. Raises _TooLong if it is too long."""
+        """Return the solution of the interval from t to t + h in doubles. Raises _TooLong if it is too long."""
         times = t + h * self.rule.nodes
         start = np.array([float(x) for x in state])
         q0, v0 = self.model.layout.split(start)
@@ -252,10 +272,10 @@ class _PreciseRun:
         raise _TooLong
 
     def _growth(self, a: FloatArray, sizes: FloatArray) -> float:
-        """Return the length of the next interval divided by that of this one. Raises _TooLong if this is too long.
+        """Return the length of the next interval divided by the length of this one.
 
-        It follows from the decay of the Legendre coefficients of the accelerations `a` (s, n), relative to `sizes`
-        (n,).
+        It is determined by the decay of the Legendre coefficients of the accelerations `a` (s, n), relative to `sizes`
+        (n,). Raises _TooLong if this interval is too long.
         """
         # The order of Gauss's rule at the end of the interval is twice the order of the truncated series. So half of
         # the digits in the series are enough. The decay is measured at the middle coefficient, because later ones are
@@ -271,7 +291,8 @@ class _PreciseRun:
     def _improvement(self, times: FloatArray, h: float, y: FloatArray) -> Improvement:
         """Return a function from residuals of the equations (s, n) to Newton corrections of the accelerations (s, n).
 
-        There is one row for each of the s points of Gauss's rule in an interval of length h.
+        There is one row for each of the s points of Gauss's rule in an interval of length h. y are the states at these
+        points.
         """
         n, s = self.model.dimension, len(times)
         slopes = self.model.jacobian(times, y, self.parameters)[n:]
@@ -285,8 +306,8 @@ class _PreciseRun:
         return lambda off: -(inverse @ off.ravel()).reshape(s, n)
 
     def _end(self, t: Any, h: Any, state: Numbers, guess: _Interval) -> Numbers:
-        """Return the state at the end of the interval from t to t + h; `guess` is its solution in doubles."""
-        dot = self.laws.context.fdot
+        """Return the state at the end of the interval from t to t + h; `guess` is the solution in doubles."""
+        dot = self.equations.context.fdot
         a = self._accelerations(t, h, state, guess)
         _, v = self._states(h, state, a)
         moved = []
@@ -298,17 +319,17 @@ class _PreciseRun:
     def _accelerations(self, t: Any, h: Any, state: Numbers, guess: _Interval) -> list[Numbers]:
         """Return accelerations at the points of Gauss's rule, s rows, correct to all digits.
 
-        The accelerations of `guess` are corrected until they are. Raises _TooLong if that takes too many corrections.
+        They are corrected iteratively, from the accelerations of `guess`. Raises _TooLong after too many corrections.
         """
-        a = [[self.laws.number(float(x)) for x in row] for row in guess.a]
-        steps = self.laws.steps(guess.q, guess.v, float(h))
+        a = [[self.equations.number(float(x)) for x in row] for row in guess.a]
+        steps = self.equations.steps(guess.q, guess.v, float(h))
         inverses, multipliers = self._solver(guess)
         n = self.model.dimension
         last, tolerance = 0.0, 10.0 ** -(self.digits + 1)
         for _ in range(SWEEPS):
             q, v = self._states(h, state, a)
             rows = [
-                [float(x) for x in self.laws.residual(q[i], v[i], a[i], multipliers[i], t + c * h, steps)]
+                [float(x) for x in self.equations.residual(q[i], v[i], a[i], multipliers[i], t + c * h, steps)]
                 for i, c in enumerate(self.rule.points)
             ]
             off = np.einsum("ikl,il->ik", inverses, np.array(rows))
@@ -325,21 +346,21 @@ class _PreciseRun:
         raise _TooLong
 
     def _solver(self, guess: _Interval) -> tuple[FloatArray, list[Numbers]]:
-        """Return the inverse of M or [[M, G^T], [G, 0]] at each point, and guesses of multipliers, in doubles."""
+        """Return the inverses of M, or of [[M, G^T], [G, 0]], at the points, and approximate multipliers."""
         where = (guess.q.T, guess.v.T, guess.times, self.parameters)
         masses = np.moveaxis(self.model.evaluate("mass_matrix", *where), -1, 0)
-        if not self.laws.held.holonomic:
+        if not self.equations.constraints.holonomic:
             return np.linalg.inv(masses), [[] for _ in masses]
         rows = np.moveaxis(self.model.evaluate("constraint_gradient", *where), -1, 0)
         corner = np.zeros((len(rows), rows.shape[1], rows.shape[1]))
         matrices = np.block([[masses, np.swapaxes(rows, 1, 2)], [rows, corner]])
         multipliers = self.model.evaluate("multipliers", *where).T
         inverses = np.asarray(np.linalg.inv(matrices), dtype=float)
-        return inverses, [[self.laws.number(float(x)) for x in row] for row in multipliers]
+        return inverses, [[self.equations.number(float(x)) for x in row] for row in multipliers]
 
     def _check_tail(self, a: Sequence[Numbers], sizes: FloatArray) -> None:
-        """Raise _TooLong if the last coefficients of the accelerations are not small, as at a kink of the forces."""
-        columns, dot = list(zip(*a, strict=True)), self.laws.context.fdot
+        """Raise _TooLong if the last coefficients of the accelerations are large, as at a kink of the forces."""
+        columns, dot = list(zip(*a, strict=True)), self.equations.context.fdot
         middle, tail = (
             np.array([max(abs(float(dot(row, column))) for row in rows) for column in columns])
             for rows in (self.rule.middle, self.rule.tail)
@@ -359,14 +380,14 @@ class _PreciseRun:
         return self._integrated(h, first, v), v
 
     def _integrated(self, h: Any, start: Numbers, rates: Sequence[Numbers]) -> list[Numbers]:
-        columns, dot = list(zip(*rates, strict=True)), self.laws.context.fdot
+        columns, dot = list(zip(*rates, strict=True)), self.equations.context.fdot
         return [
             [x + h * dot(row, column) for x, column in zip(start, columns, strict=True)] for row in self.rule.matrix
         ]
 
 
 def _moved(numbers: Sequence[Numbers], by: FloatArray) -> list[Numbers]:
-    """Return rows of mpmath numbers, increased by the array of doubles `by`, entry by entry."""
+    """Return rows of mpmath numbers plus the array of doubles `by`, entry by entry."""
     return [[x + float(y) for x, y in zip(row, change, strict=True)] for row, change in zip(numbers, by, strict=True)]
 
 

@@ -1,4 +1,4 @@
-"""`quick_check`: a test of a newly compiled model at one random point, cheap enough for every compilation.
+"""Test a newly compiled model at one random point (`quick_check`); it is cheap enough for every compilation.
 
 The compiled accelerations are inserted into the stated Euler-Lagrange equations, projected on a random direction w:
 
@@ -7,11 +7,11 @@ The compiled accelerations are inserted into the stated Euler-Lagrange equations
 With constraints, w is a random direction with G w = 0, along which the constraint forces do no work. In addition a
 random combination of the second time derivatives of phi, and of the rates of constraints on velocities, must vanish.
 
-With a random direction, a fault in any entry shows with probability one. The derivatives are central differences of the
-stated L at 50 digits: four evaluations of L for the first term, two for the second. If the left-hand side is not small
-relative to its terms, the evaluation is repeated with every intermediate number slightly perturbed. The change of the
-left-hand side estimates its rounding error, as in `lagrange.evidence.reference`. If the left-hand side exceeds this
-estimate, each acceleration is checked by itself.
+With a random direction, a fault in any entry is visible with probability one. The derivatives are central differences
+of the stated L at 50 digits: four evaluations of L for the first term, two for the second. If the left-hand side is not
+small relative to its terms, the evaluation is repeated with every intermediate number slightly perturbed. The change of
+the left-hand side estimates its rounding error, as in `lagrange.evidence.reference`. If the left-hand side exceeds this
+estimate, each acceleration is checked individually.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import numpy as np
 from sympy import diff
 
 from lagrange.errors import FAULT, RunError
-from lagrange.evidence.laws import DifferenceSteps, StatedConstraints, along, central
+from lagrange.evidence.differences import DifferenceSteps, StatedConstraints, along, central
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.report import LIMIT, TINY_ERROR, relative_error
@@ -41,27 +41,30 @@ DIGITS_OF_TEST = 50
 DIFFERENCE_STEP = "1e-12"
 PERTURBATION = 1e-15
 SUSPICIOUS = 1e-12
-"""Largest residual, relative to its largest term, that passes without an estimate of its rounding."""
+"""Largest residual, relative to its largest term, that passes without an estimate of its rounding error."""
 
 MOST_DRAWS = 24
-"""Number of random points tried before the initial state, which is last since terms vanish at rest and upright."""
+"""Number of random points tried before the initial state.
+
+The initial state is last, because terms vanish at rest and in upright positions.
+"""
 
 MOST_CONFIRMED = 24
-"""Largest number of coordinates for which the first suspicious point gets a full test; else the second one does.
+"""Largest number of coordinates for which the first suspicious point gets a full test.
 
-A full test takes 1 s for 24 coordinates and 30 s for 80. Rounding grows with the size of the system, and makes one
-point in ten suspicious.
+In larger systems the second suspicious point gets it. A full test takes 1 s for 24 coordinates and 30 s for 80.
+Rounding grows with the size of the system, and makes one point in ten suspicious.
 """
 
 CONFIRMATIONS = 3
-"""Largest number of full tests of suspicious points; each costs as much as a point of `check`."""
+"""Largest number of full tests of suspicious points; each takes as long as a point of `check`."""
 
 
 def quick_check(model: Model) -> None:
     """Check the compiled accelerations against the stated energies at one random point, in one random direction.
 
     Raises RunError, with the entry, the state and the two values, if they disagree. A system passes without a test if
-    no point, not even the initial state, is usable.
+    the energies have no value at any point, including the initial state.
     """
     statement, of_model = sampled_statement(model)
     probe = _Probe(statement)
@@ -76,12 +79,12 @@ def quick_check(model: Model) -> None:
             a = [math.nan] * len(at.q)
         virtual = [w * (abs(x) or 1.0) for w, x in zip(probe.direction, point.q, strict=True)]
         direction = _allowed(model, at, virtual)
-        # Equations without accelerations do not hold at random states; the full test checks their time derivatives.
+        # Equations without accelerations do not hold at random states. The full test checks their time derivatives.
         if all(map(math.isfinite, a)) and not probe.suspects(point, a, direction):
             return True
         if not probe.has_value(point):
             return None
-        # This is not yet a fault: the mass matrix may be singular here, a number too large, or a kink too near.
+        # There may be no fault: the mass matrix may be singular here, a number too large, or a kink too near.
         if len(a) > MOST_CONFIRMED and (suspicious := suspicious + 1) == 1:
             return None
         if _confirm(model, statement, point, a) or (confirmations := confirmations + 1) == CONFIRMATIONS:
@@ -94,7 +97,7 @@ def quick_check(model: Model) -> None:
 def _allowed(model: Model, point: SamplePoint, direction: Sequence[float]) -> list[float]:
     """Return the component of a direction that the constraints allow: orthogonal to the rows of the compiled G.
 
-    So a wrong G fails the test.
+    A wrong G gives a wrong direction, so that the test fails.
     """
     if not model.statement.constraints:
         return list(direction)
@@ -112,9 +115,9 @@ def _allowed(model: Model, point: SamplePoint, direction: Sequence[float]) -> li
 
 
 def _confirm(model: Model, statement: Statement, point: SamplePoint, a: Sequence[float]) -> bool:
-    """Return True if the compiled accelerations `a` are right at a point, False if the point cannot be used.
+    """Return True if the compiled accelerations `a` are right at a point, False if the point is not usable.
 
-    Raises RunError if one is wrong.
+    Raises RunError if an acceleration is wrong.
     """
     try:
         reference = Reference(statement, model.equations.first_order, model.equations.settled)
@@ -135,7 +138,7 @@ def _confirm(model: Model, statement: Statement, point: SamplePoint, a: Sequence
 class _Probe:
     """Residuals of the equation of motion, projected on a direction, and of the constraints, to many digits.
 
-    Each is computed again with slightly changed intermediate numbers: the change is its allowance for rounding.
+    Each residual is computed again with slightly changed intermediate numbers. Its change estimates the rounding error.
     """
 
     def __init__(self, statement: Statement) -> None:
@@ -149,13 +152,15 @@ class _Probe:
         self.draw = random.Random(0)
         self.direction = [self._factor(0.5) for _ in statement.coordinates]
         self.holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
-        self.held = Precise([constraint.expression for constraint in statement.constraints], statement, DIGITS_OF_TEST)
+        self.constraints = Precise(
+            [constraint.expression for constraint in statement.constraints], statement, DIGITS_OF_TEST
+        )
         self.weights = [self.number(self._factor(0.5)) for _ in statement.constraints]
 
     def has_value(self, point: SamplePoint) -> bool:
         """Return True if the energies, forces and constraints have values at the point."""
         try:
-            for tape in (self.plain, self.forces, self.dissipation, self.held):
+            for tape in (self.plain, self.forces, self.dissipation, self.constraints):
                 if tape is not None:
                     tape(point.q, point.v, point.t, point.parameters)
         except OutsideDomain:
@@ -166,13 +171,13 @@ class _Probe:
         """Return True if the equation of motion projected on `direction` seems not to hold at a point.
 
         `a` are the compiled accelerations. The result is True if the left-hand side exceeds its rounding error or has
-        no value. The constraints on accelerations are tested in the same way.
+        no value. The second time derivatives of constraints are tested in the same way.
         """
         try:
             q, v, exact, w = [[self.number(x) for x in numbers] for numbers in (point.q, point.v, a, direction)]
             residuals = [
                 self._residual(self.plain, self.plain, point, q, v, exact, w),
-                *self._held(self.held, point, q, v, exact),
+                *self._constraint_residual(self.constraints, point, q, v, exact),
             ]
             if all(abs(residual) <= SUSPICIOUS * largest for residual, largest in residuals):
                 return False
@@ -180,7 +185,7 @@ class _Probe:
             tapes = [self.plain.perturbed(PERTURBATION, seed) for seed in (1, 2)]
             moved = [
                 self._residual(tapes[0], tapes[1], point, q, v, off, w),
-                *self._held(self.held.perturbed(PERTURBATION, 3), point, q, v, off),
+                *self._constraint_residual(self.constraints.perturbed(PERTURBATION, 3), point, q, v, off),
             ]
         except OutsideDomain:
             return True
@@ -190,10 +195,12 @@ class _Probe:
             for (residual, _), (other, _) in zip(residuals, moved, strict=True)
         )
 
-    def _held(self, program: Precise, point: SamplePoint, q: Any, v: Any, a: Any) -> list[tuple[Any, Any]]:
-        """Return a random combination of the entries of G a + gamma, and its largest term, as a list of one pair.
+    def _constraint_residual(
+        self, program: Precise, point: SamplePoint, q: Any, v: Any, a: Any
+    ) -> list[tuple[Any, Any]]:
+        """Return [(random combination of the entries of G a + gamma, its largest term)], or [] without constraints.
 
-        The list is empty without constraints. `program` computes the constraint expressions.
+        `program` computes the constraint expressions.
         """
         if not self.holonomic:
             return []
@@ -209,8 +216,8 @@ class _Probe:
     ) -> tuple[Any, Any]:
         """Return the left-hand side of the equation of motion projected on the direction w, and its largest term.
 
-        q, v and a are coordinates, velocities and accelerations. `for_rate` and `for_force` are programs of L, used
-        for d/dt dL/dv and for dL/dq.
+        q, v and a are coordinates, velocities and accelerations. `for_rate` and `for_force` are programs for L, used in
+        d/dt dL/dv and in dL/dq.
         """
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
         t, step, ahead = self.number(point.t), self.number(DIFFERENCE_STEP), self._steps(point, q, v).motion
@@ -230,7 +237,7 @@ class _Probe:
         return sum(terms), max(map(abs, terms))
 
     def _steps(self, point: SamplePoint, q: Any, v: Any) -> DifferenceSteps:
-        timed = self.plain.uses_time or self.held.uses_time
+        timed = self.plain.uses_time or self.constraints.uses_time
         return DifferenceSteps.at(q, v, self.number(point.t), self.number(DIFFERENCE_STEP), timed=timed)
 
     def _factor(self, least: float) -> float:
@@ -238,7 +245,7 @@ class _Probe:
 
 
 def solved_statement(model: Model) -> Statement:
-    """Return the statement of a model, without constraints that follow from others."""
+    """Return the statement of a model, without constraints that follow from other constraints."""
     statement = model.statement
     if not statement.constraints:
         return statement
@@ -250,7 +257,7 @@ def solved_statement(model: Model) -> Statement:
 
 
 def sampled_statement(model: Model) -> tuple[Statement, Callable[[SamplePoint], SamplePoint]]:
-    """Return the statement that a model is tested with, and a function from its points to points of the model.
+    """Return the statement with which a model is tested, and a function from its points to points of the model.
 
     Inputs of the model become polynomials in time with random coefficients, so that their values and rates are
     consistent.

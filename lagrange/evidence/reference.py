@@ -1,9 +1,9 @@
-"""Reference value of each compiled quantity at one point, its difference step, and the size that errors refer to.
+"""Compute reference values of all compiled quantities at one point, and the sizes to which their errors are relative.
 
-The size is measured. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), and the equations
-are differenced again. The change of an entry, divided by 1e-20, is its *size*: about the sum of the magnitudes of its
-terms. Errors are relative to the size. Dividing by the entry itself would reject cancellation (1 - cos x near 0), and
-dividing by the largest entry would miss a wrong small one.
+The size is measured. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), and the equations are
+differenced again. The change of an entry, divided by 1e-20, is its *size*: about the sum of the magnitudes of its
+terms. Errors are relative to the size. Division by the entry itself would reject cancellation (1 - cos x near 0), and
+division by the largest entry would miss a wrong small one.
 """
 
 from __future__ import annotations
@@ -16,92 +16,113 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.evidence import laws
-from lagrange.evidence.laws import DifferenceSteps, Numbers, Row, Sources, StatedConstraints
+from lagrange.evidence import differences
+from lagrange.evidence.differences import DifferenceSteps, Numbers, Row, Sources, StatedConstraints
 from lagrange.evidence.precise import BeyondDoubles, Precise
 from lagrange.evidence.report import Columns, Direction, ReferenceEntries
 from lagrange.statement.random_states import SamplePoint
 from lagrange.statement.statement import Statement
 
 REFERENCE_DIGITS = 90
-"""Decimal digits of the evaluations: third differences with steps of 1e-18 leave 36 of them."""
+"""Decimal digits of the evaluations: third differences with steps of 1e-18 leave 36 of 90."""
 
 DIFFERENCE_STEP = "1e-18"
-"""Step of the differences, relative to the argument: their error is about 1e-36 before extrapolation."""
+"""Step of the differences, relative to the argument. The error is about 1e-36 before extrapolation."""
 
 PERTURBATION = 1e-20
-"""Relative perturbation of every intermediate number: far above the errors, and small enough for a linear response."""
+"""Relative perturbation of every intermediate number.
+
+It is far above the errors of the evaluation, and small enough for a linear response.
+"""
 
 VALUE_NOISE = "1e-89"
-"""Amplitude of the noise added to each evaluation of a perturbed L, relative to the size of L: ten roundings."""
+"""Amplitude of the noise added to each evaluation of a perturbed L, relative to the size of L.
+
+It is ten times the rounding error.
+"""
 
 MASS_NOISE = "1e-80"
-"""Second differences of L below this fraction of its size count as rounding.
+"""Second differences of L below this fraction of the size of L count as rounding.
 
-Rounding and `VALUE_NOISE` make 1e-88. An inertia of 1e-40 of the largest makes 1e-76, with steps of `DIFFERENCE_STEP`.
+Rounding and `VALUE_NOISE` cause 1e-88. An inertia of 1e-40 of the largest causes 1e-76, with steps of
+`DIFFERENCE_STEP`.
 """
 
 PERTURBED_COPIES = 2
-"""Number of perturbed copies. One sum with random signs may be small by accident; two are hardly ever."""
+"""Number of perturbed copies.
+
+One sum with random signs may be small by chance, but hardly ever two.
+"""
 
 SINGULAR = 2.0**-42
 """Pivot, relative to its row, below which a mass matrix counts as singular.
 
-In double precision four digits of the accelerations are left there. The limit of compiled code may be slightly lower.
+At this pivot, four digits of the accelerations are right in double precision. The limit of compiled code may be
+slightly lower.
 """
 
 LEAST_STEP_SIZE = 1e-20
-"""Smallest size of a coordinate or velocity, relative to the largest, by which its step is chosen.
+"""Smallest size of a coordinate or velocity, relative to the largest, to which its step is proportional.
 
 A projected start may have velocities of 1e-37 that are rounding: with such steps the energy keeps no digits. Lengths
-beside angles differ by 1e12 in units from 1e-12 to 1e12."""
+and angles together differ by up to 1e12 in units from 1e-12 to 1e12.
+"""
 
 ZERO_SIZE = 1e-12
-"""Size of an entry that is zero, relative to the largest: second differences with steps of 1e-30 keep 30 digits."""
+"""Size of an entry that is zero, relative to the largest entry.
+
+Second differences with steps of 1e-30 keep 30 digits.
+"""
 
 EXPONENT_LIMIT = 450
-"""Largest binary exponent of an intermediate value: squares of it, as derivatives form them, still fit a double."""
+"""Largest binary exponent of an intermediate value.
+
+Its square, which occurs in derivatives, then fits into a double.
+"""
 
 
 class Reference:
     """The quantities of a statement by numerical differentiation, without compiled code.
 
     `first_order` are the indices of coordinates without inertia. Their equations of motion contain no accelerations, so
-    the time derivatives of these equations are solved. If `settled`, the equations are linear in the velocities of
-    these coordinates, and the right-hand side has their solutions in place of the velocities of the state.
+    the time derivatives of these equations are solved. If `settled` is true, these equations are linear in the
+    velocities of these coordinates, and the right-hand side has their solutions in place of the velocities of the
+    state.
     """
 
     def __init__(self, statement: Statement, first_order: Sequence[int] = (), settled: bool = False) -> None:
         self.statement, self.first_order, self.settled = statement, tuple(first_order), settled
         self.lagrangian = Precise([statement.lagrangian], statement, REFERENCE_DIGITS)
         self.loads = Precise([*statement.forces, statement.dissipation], statement, REFERENCE_DIGITS)
-        self.held = Precise(
+        self.constraints = Precise(
             [constraint.expression for constraint in statement.constraints], statement, REFERENCE_DIGITS
         )
         self.holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
         self.number = self.lagrangian.context.mpf
-        self.terms = terms = laws.terms_of(statement, self.lagrangian, self.loads, REFERENCE_DIGITS)
+        self.terms = terms = differences.terms_of(statement, self.lagrangian, self.loads, REFERENCE_DIGITS)
         energies = (terms.by_velocity, terms.by_place, terms.by_velocity)
-        self._programs = _Programs(self.lagrangian, energies, self.loads, terms.dissipation, (self.held, self.held))
+        self._programs = _Programs(
+            self.lagrangian, energies, self.loads, terms.dissipation, (self.constraints, self.constraints)
+        )
         self._samples = [self._programs.perturbed(6 * k) for k in range(PERTURBED_COPIES)]
 
     def at(self, point: SamplePoint, columns: Columns) -> dict[str, ReferenceEntries]:
         """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian by name.
 
         With constraints it also returns constraints, constraint_gradient, constraint_bias, multipliers and
-        constraint_forces. mass_matrix and constraint_gradient are flattened by rows. jacobian has the columns of d rhs
-        / d(q, v) that `columns` lists, one after another. If `columns` is a direction, mass_matrix and jacobian are
-        the products with it, and the accelerations are corrected solutions with the mass matrix that is given with
-        the direction. Raises OutsideDomain if the point is not usable: the
-        statement has no real, finite value or no derivative there, or the accelerations are not determined.
+        constraint_forces. mass_matrix and constraint_gradient are flattened by rows. jacobian has the columns of d
+        rhs / d(q, v) that `columns` lists, one after another. If `columns` is a direction, mass_matrix and jacobian are
+        their products with it, and the accelerations are corrected solutions with the mass matrix of the direction.
+        Raises OutsideDomain if the point is not usable: the statement has no real, finite value or no derivative
+        there, or the accelerations are not determined.
         """
         self.inspect(point)
         steps, parameters = self._steps(point), {p: self.number(x) for p, x in point.parameters.items()}
 
-        def exact(program: Precise, _: Precise) -> laws.StateFunction:
+        def exact(program: Precise, _: Precise) -> differences.StateFunction:
             return lambda q, v, t: program(q, v, t, parameters)
 
-        plain = self._functions(self._programs, exact, laws.exactly, parameters)
+        plain = self._functions(self._programs, exact, differences.exactly, parameters)
         quantities = [_Differences(self, *plain, point, steps.times(scale), columns).quantities() for scale in (1, 0.5)]
         quantities += [self._perturbed(k, point, steps, columns, parameters) for k in range(PERTURBED_COPIES)]
         unit = self.number(PERTURBATION)
@@ -115,20 +136,20 @@ class Reference:
         lengths = {"mass_matrix": n if along else n * n, "jacobian": n * count, "velocity_jacobian": n * count}
         entries = {}
         for name in quantities[0]:
-            # A perturbed copy may exchange other rows, which fills other entries.
+            # In a perturbed copy elimination may exchange other rows, which fills other entries.
             indices = sorted(set().union(*(result[name] for result in quantities)))
             coarse, fine, *samples = ([result[name].get(index, 0) for index in indices] for result in quantities)
-            value, error, _ = laws.extrapolated(coarse, fine)
+            value, error, _ = differences.extrapolated(coarse, fine)
             sizes = list(map(size, value, coarse, zip(*samples, strict=True)))
             rows = (dict(zip(indices, x, strict=True)) for x in (value, error, sizes))
             length = lengths.get(name, len(indices))
             entries[name] = ReferenceEntries(*([row.get(i, 0) for i in range(length)] for row in rows))
             entries[name].check_smooth()
         velocities, slopes, rates = (entries.pop(name) for name in ("velocities", "jacobian", "velocity_jacobian"))
-        # The least size of a slope is that of the acceleration, divided by the size of the state. Second derivatives
+        # The least size of a slope is the size of the acceleration divided by the size of the state. Second derivatives
         # of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 has a gradient of 1 and a slope
-        # of 1e-9, which any formula computes as a difference of numbers of 1e-3. The sizes of the operations in V do
-        # not show it. A wrong slope is still found: its error exceeds 1e-12 of this bound.
+        # of 1e-9, which any formula computes as a difference of numbers of 1e-3. Perturbed operations in V do not show
+        # this cancellation. A wrong slope is still found: its error exceeds 1e-12 of this bound.
         extent = max(1.0, *map(abs, (*point.q, *point.v)))
         longest = max(map(abs, columns.weights)) if isinstance(columns, Direction) else 1
         floors = [least / (extent / longest) for least in entries["accelerations"].size]
@@ -139,16 +160,16 @@ class Reference:
         return {**entries, "rhs": velocities + entries["accelerations"], "jacobian": jacobian}
 
     def work(self) -> tuple[int, int, int]:
-        """Return the estimated times of one point: without the Jacobian, of one of its columns, and in a direction.
+        """Return estimated times of one point: without the Jacobian, of one column of it, and for a direction instead.
 
         The unit is 0.2 us. The estimates depend only on the statement.
         """
         n, by_velocity, by_place = len(self.statement.coordinates), self.terms.by_velocity, self.terms.by_place
         column, copies = n // 2, 2 + PERTURBED_COPIES
-        # Each central difference takes two values. The entry that is displaced last changes alone in one of them.
+        # A central difference takes two evaluations; in one of them only the displaced entry has changed.
         momenta = sum(part.work() + part.work(n + i) for i, part in enumerate(by_velocity))
         forces = sum(part.work() + part.work(i) for i, part in enumerate(by_place)) + self.loads.work()
-        constraints = 2 * n * self.held.work(column) + 8 * self.held.work() if self.holonomic else 0
+        constraints = 2 * n * self.constraints.work(column) + 8 * self.constraints.work() if self.holonomic else 0
         mass = sum(
             2 * sum(k >= n for k in part.entries) * part.work(n + i)  # 4 values for each entry on one side
             for i, part in enumerate(by_velocity)
@@ -162,7 +183,7 @@ class Reference:
     @property
     def switches(self) -> tuple[Any, ...]:
         """The conditions, Abs, sign, Min and Max in L, Q, D and the constraints: they select between formulas."""
-        return self.lagrangian.switches + self.loads.switches + self.held.switches
+        return self.lagrangian.switches + self.loads.switches + self.constraints.switches
 
     def inspect(self, point: SamplePoint) -> tuple[int | None, ...]:
         """Return the outcome of each switch (condition, Abs, sign, Min, Max) at a point, None without a value.
@@ -170,7 +191,7 @@ class Reference:
         Raises OutsideDomain if L, a force, the dissipation or a constraint has no value.
         """
         outcomes: tuple[int | None, ...] = ()
-        for source in (self.lagrangian, self.loads, self.held):
+        for source in (self.lagrangian, self.loads, self.constraints):
             ways, largest = source.inspect(point.q, point.v, point.t, point.parameters)
             if largest > EXPONENT_LIMIT:
                 raise BeyondDoubles("a number beyond the range of double precision")
@@ -180,7 +201,7 @@ class Reference:
     def _perturbed(
         self, k: int, point: SamplePoint, steps: DifferenceSteps, columns: Columns, parameters: Mapping[Any, Any]
     ) -> dict[str, Row]:
-        """Return all quantities, computed by the perturbed copy number `k` of the programs."""
+        """Return all quantities, computed by the perturbed programs number `k`."""
         draw = random.Random(k)
         factors: dict[tuple[str, int], Any] = {}
         unit, noise = self.number(PERTURBATION), self.number(VALUE_NOISE)
@@ -190,9 +211,9 @@ class Reference:
                 factors[name, index] = 1 + unit * draw.choice((-1, 1)) * draw.uniform(0.5, 1.0)
             return factors[name, index]
 
-        def noisy(copy: Precise, program: Precise) -> laws.StateFunction:
-            # Differencing magnifies the rounding of L itself, which is the only content of an entry that is zero by
-            # structure. Noise ten times as large makes the size of such an entry larger than that rounding.
+        def noisy(copy: Precise, program: Precise) -> differences.StateFunction:
+            # Differences magnify the rounding of L itself. An entry that is zero by structure consists of this rounding
+            # alone. With noise ten times as large, the size of such an entry exceeds its rounding.
             exact, off = (f(point.q, point.v, point.t, parameters) for f in (program, copy.about))
             amplitudes = [noise * max(abs(a), abs(b - a) / unit) for a, b in zip(exact, off, strict=True)]
 
@@ -209,18 +230,18 @@ class Reference:
     def _functions(
         self,
         programs: _Programs,
-        values: Callable[[Precise, Precise], laws.StateFunction],
-        nudge: laws.Nudge,
+        values: Callable[[Precise, Precise], differences.StateFunction],
+        nudge: differences.Nudge,
         parameters: Mapping[Any, Any],
     ) -> tuple[Sources, StatedConstraints]:
         """Return L, Q and D, and the constraints, as functions of (q, v, t) that `programs` compute.
 
-        `values` returns the function for a program, whose second argument is the same program without random factors.
+        `values` returns the function for a program; its second argument is the same program without random factors.
         """
         plain, terms, loads = self._programs, self.terms, programs.loads
         still = [self.number(0)] * len(self.statement.coordinates)
 
-        def scalars(row: Sequence[Precise], plain_row: Sequence[Precise]) -> Callable[[int], laws.StateFunction]:
+        def scalars(row: Sequence[Precise], plain_row: Sequence[Precise]) -> Callable[[int], differences.StateFunction]:
             functions = _each(zip(row, plain_row, strict=True), values)
             return lambda i: lambda q, v, t: functions[i](q, v, t)[-1]
 
@@ -238,7 +259,7 @@ class Reference:
             read=terms.read.__getitem__,
             touched=terms.touched.__getitem__,
         )
-        for_gradient, for_rates = map(values, programs.held, plain.held)
+        for_gradient, for_rates = map(values, programs.constraints, plain.constraints)
         return sources, StatedConstraints(for_gradient, for_rates, self.holonomic, nudge)
 
     def _steps(self, point: SamplePoint) -> DifferenceSteps:
@@ -248,15 +269,16 @@ class Reference:
             [max(abs(x), most * (LEAST_STEP_SIZE if x else ZERO_SIZE)) or self.number(1) for x in part]
             for part, most in zip((q, v), largest, strict=True)
         ]
-        timed = self.lagrangian.uses_time or self.held.uses_time
+        timed = self.lagrangian.uses_time or self.constraints.uses_time
         return DifferenceSteps.at(q, v, t, step, timed=timed, sizes=sizes)
 
 
 class _Differences:
-    """All quantities at one point, from functions of (q, v, t) by differences with given steps.
+    """All quantities at one point, computed by differences with given `steps`.
 
-    `source` has L, Q and D. `columns` are the indices of the columns of the Jacobian to compute, or a direction.
-    `relations` are the equations dp/dt - f = 0 of the coordinates without inertia, as constraints on velocities.
+    `source` has L, Q and D as functions of (q, v, t). `columns` are the indices of the columns of the Jacobian to
+    compute, or a direction. `relations` are the equations dp/dt - f = 0 of the coordinates without inertia, as
+    constraints on velocities.
     """
 
     def __init__(
@@ -289,9 +311,9 @@ class _Differences:
         mass, product = self.inertia()
         rate = source.momentum_rate(*here, self.still)
         bias = [nudge("force", i) * x - nudge("rate", i) * y for i, (x, y) in enumerate(zip(f, rate, strict=True))]
-        held = bool(constraints.holonomic)
-        slopes = constraints.gradient(*here) if held else []
-        held_bias = constraints.acceleration_level(*here, self.still) if held else []
+        constrained = bool(constraints.holonomic)
+        slopes = constraints.gradient(*here) if constrained else []
+        constraint_bias = constraints.acceleration_level(*here, self.still) if constrained else []
         if not isinstance(self.columns, Direction):
             # Entries that are only rounding of L would be pivots without a correct digit.
             noise = self.number(MASS_NOISE) * (abs(lagrangian) + sum(abs(x * y) for x, y in zip(p, v, strict=True)))
@@ -299,7 +321,7 @@ class _Differences:
                 {j: x for j, x in row.items() if abs(x) * a * steps.v[j] > noise}
                 for row, a in zip(mass, steps.v, strict=True)
             ]
-        matrix, right = laws.bordered(mass, slopes), [*bias, *(-x for x in held_bias)]
+        matrix, right = differences.bordered(mass, slopes), [*bias, *(-x for x in constraint_bias)]
         velocities = self.settled_velocities(q, v)
         if self.settled:
             right[:n] = [-x for x in source.residual(q, velocities, t, steps, self.still)]
@@ -330,8 +352,8 @@ class _Differences:
             **self.slopes(a, multipliers, solve),
             "energy": [source.energy(v, p, lagrangian)],
         }
-        if held:
-            entries |= self.of_constraints(slopes, multipliers) | {"constraint_bias": held_bias}
+        if constrained:
+            entries |= self.of_constraints(slopes, multipliers) | {"constraint_bias": constraint_bias}
         return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in entries.items()}
 
     def of_constraints(self, slopes: Sequence[Numbers], multipliers: Numbers) -> dict[str, Numbers]:
@@ -339,7 +361,7 @@ class _Differences:
         constraints, here = self.constraints, (self.q, self.v, self.t, self.steps)
         positions = constraints.chosen(constraints.for_rates(*here[:3]), [0] * len(multipliers))
         rates, nudge = constraints.velocity_level(*here), self.source.nudge
-        exerted = laws.reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
+        exerted = differences.reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
         return {
             "constraints": [*positions, *rates],
             "constraint_gradient": list(chain.from_iterable(slopes)),
@@ -348,26 +370,26 @@ class _Differences:
         }
 
     def slopes(self, a: Numbers, multipliers: Numbers, solve: Callable[[Row], Row]) -> dict[str, Row]:
-        """Return the derivatives of dq/dt and of the accelerations along each direction of `columns`, by name.
+        """Return the derivatives of dq/dt and of the accelerations by each of `columns`, flattened, by name.
 
         `a` and `multipliers` are the accelerations and multipliers at the point. `solve` solves the linear system for
         accelerations.
         """
         here, steps = (self.q, self.v, self.t, self.steps), self.steps
         source, constraints, columns, n = self.source, self.constraints, self.columns, self.n
-        whole, held = bool(self.first_order) or isinstance(columns, Direction), bool(constraints.holonomic)
+        whole, constrained = bool(self.first_order) or isinstance(columns, Direction), bool(constraints.holonomic)
 
         def further(q: Any, v: Any, t: Any) -> Any:
-            """Return [dp/dt - f - G^T lambda, G a + gamma], or without dp/dt - f if it is differentiated below."""
+            """Return [dp/dt - f - G^T lambda, G a + gamma], without dp/dt - f if it is differentiated separately."""
             free, v = self.still, self.settled_velocities(q, v)
             if whole:
                 free = source.residual(q, v, t, steps, a)
                 rates = self.relations.acceleration_level(q, v, t, steps, a)
                 for i, rate in zip(self.first_order, rates, strict=True):
                     free[i] = rate
-            if not held:
+            if not constrained:
                 return np.array(free)
-            exerted = laws.reactions(constraints.gradient(q, v, t, steps), multipliers)
+            exerted = differences.reactions(constraints.gradient(q, v, t, steps), multipliers)
             balance = [x - sum(column) for x, column in zip(free, zip(*exerted, strict=True), strict=True)]
             return np.array([*balance, *constraints.acceleration_level(q, v, t, steps, a)])
 
@@ -378,12 +400,12 @@ class _Differences:
         slopes: list[Row] = [{} for _ in directions]
         if not isinstance(columns, Direction) and not whole:
             slopes = source.residual_slopes(*here, a, columns)
-        if whole or held:
+        if whole or constrained:
             for row, direction in zip(slopes, directions, strict=True):
-                for i, change in enumerate(laws.slope(further, *here, direction)):
+                for i, change in enumerate(differences.slope(further, *here, direction)):
                     row[i] = row.get(i, 0) + change
         moving = [
-            laws.slope(lambda q, v, t: np.array(self.settled_velocities(q, v)), *here, direction)
+            differences.slope(lambda q, v, t: np.array(self.settled_velocities(q, v)), *here, direction)
             for direction in directions
         ]
         return {
@@ -394,50 +416,51 @@ class _Differences:
         }
 
     def inertia(self) -> tuple[list[Row], Row]:
-        """Return the rows of the mass matrix M, and its entries, flattened, or its product with a direction.
+        """Return the rows of the mass matrix M, and its entries, flattened.
 
-        With a direction, M is the compiled matrix, and the product is computed from the stated energies.
+        For a direction, M is the compiled matrix, and the second result is the product of the stated M with the
+        direction.
         """
         here, n, columns = (self.q, self.v, self.t, self.steps), self.n, self.columns
         if isinstance(columns, Direction):
-            given = [{int(j): self.number(row[j]) for j in np.flatnonzero(row)} for row in columns.mass]
+            compiled = [{int(j): self.number(row[j]) for j in np.flatnonzero(row)} for row in columns.mass]
             direction = dict(enumerate(columns.weights[n:], n))
             copied = replace(self.source, for_momenta=self.source.for_mass)
-            change = laws.slope(lambda q, v, t: np.array(copied.momenta(q, v, t, self.steps)), *here, direction)
-            return given, dict(enumerate(change))
+            change = differences.slope(lambda q, v, t: np.array(copied.momenta(q, v, t, self.steps)), *here, direction)
+            return compiled, dict(enumerate(change))
         mass = self.source.mass_matrix(*here)
         return mass, {i * n + j: x for i, row in enumerate(mass) for j, x in row.items()}
 
     def settled_velocities(self, q: Numbers, v: Numbers) -> Numbers:
-        """Return the velocities v. If `self.settled`, those of coordinates without inertia are computed.
+        """Return the velocities v, with computed velocities of coordinates without inertia if `self.settled` is true.
 
-        They are the solutions of the first-order equations of these coordinates.
+        These solve the first-order equations of these coordinates.
         """
         if not self.settled:
             return v
         rows = [[row[i] for i in self.first_order] for row in self.relations.gradient(q, v, self.t, self.steps)]
         off = self.relations.velocity_level(q, v, self.t, self.steps)
-        corrections = dict(zip(self.first_order, laws.solve_dense(rows, off, SINGULAR), strict=True))
+        corrections = dict(zip(self.first_order, differences.solve_dense(rows, off, SINGULAR), strict=True))
         return [x - corrections.get(i, 0) for i, x in enumerate(v)]
 
     def solver(self, matrix: Sequence[Row]) -> Callable[[Row], Row]:
-        """Return a function from a right-hand side to the solution of the linear system with this `matrix`.
+        """Return a function that solves the linear system with this `matrix` for any right-hand side.
 
-        The system is scaled so that it does not depend on units. A symmetric matrix is changed as rounding errors in
-        its factorization would change it.
+        The system is scaled so that it does not depend on units. In perturbed copies, a symmetric matrix is changed as
+        rounding errors of its factorization would change it.
         """
-        scales, nudge = laws.balance(matrix, self.n), self.source.nudge
+        scales, nudge = differences.balance(matrix, self.n), self.source.nudge
 
         def balanced(row: Row, scale: Any) -> Row:
             return {j: x * scale * scales[j] for j, x in row.items()}
 
         rows = list(map(balanced, matrix, scales))
-        if nudge is not laws.exactly and not self.first_order:
-            for i, row in enumerate(laws.factorization_sizes(rows, len(matrix) - self.n)):
+        if nudge is not differences.exactly and not self.first_order:
+            for i, row in enumerate(differences.factorization_sizes(rows, len(matrix) - self.n)):
                 for j in sorted(j for j, size in row.items() if j <= i and size):
                     change = row[j] * (nudge("factor", i * len(matrix) + j) - 1)
                     rows[i][j] = rows[j][i] = rows[i].get(j, 0) + change
-        solution = laws.factorized(rows, SINGULAR)
+        solution = differences.factorized(rows, SINGULAR)
 
         def solve(right: Row) -> Row:
             scaled = {i: x * scales[i] for i, x in right.items()}
@@ -450,16 +473,16 @@ class _Differences:
 class _Programs:
     """Programs for L, Q, D and the constraints, or copies in which each computed number has a factor close to 1.
 
-    `energies` has three rows of programs for L: for p, for dL/dq and for M. `loads` has the forces Q, then D.
-    The last result of an entry of `drag` is D, or the terms of D with one velocity. `held` are the constraints, for
-    the gradient and for time derivatives.
+    `energies` has three rows of programs for L: for p, for dL/dq and for M. `loads` has the forces Q, then D. The last
+    result of an entry of `drag` is D, or the terms of D with one velocity. `constraints` has two programs for the
+    constraints: for the gradient and for time derivatives.
     """
 
     lagrangian: Precise
     energies: Sequence[Sequence[Precise]]
     loads: Precise
     drag: Sequence[Precise]
-    held: tuple[Precise, Precise]
+    constraints: tuple[Precise, Precise]
 
     def perturbed(self, seed: int) -> _Programs:
         """Return copies of all programs; each has its own random factors."""
@@ -473,14 +496,17 @@ class _Programs:
             energies=[copies(row, seed + i) for i, row in enumerate(self.energies)],
             loads=self.loads.perturbed(PERTURBATION, seed + 3),
             drag=copies(self.drag, seed + 3),
-            held=(self.held[0].perturbed(PERTURBATION, seed + 4), self.held[1].perturbed(PERTURBATION, seed + 5)),
+            constraints=(
+                self.constraints[0].perturbed(PERTURBATION, seed + 4),
+                self.constraints[1].perturbed(PERTURBATION, seed + 5),
+            ),
         )
 
 
 def _each(pairs: Iterable[tuple[Precise, Any]], make: Callable[[Precise, Any], Any]) -> list[Any]:
-    """Return the list of `make(program, other)` for each pair (program, other).
+    """Return the list of `make(program, other)` for the pairs (program, other).
 
-    If a program occurs again, its first result is used again.
+    If a program occurs several times, the result for its first pair is used for all.
     """
     results: dict[Precise, Any] = {}
     listed = []

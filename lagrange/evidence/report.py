@@ -1,6 +1,7 @@
-"""The report of `system.check()`: the error of each compiled quantity, the limit for it, and the printed table.
+"""The report of `system.check()`: comparison of compiled values with reference values, and the printed table.
 
-Compiled values are compared with reference values of their entries. The report is true if everything holds.
+For each quantity it has the largest error of its entries, and the limit for this error. A report is true if all
+quantities are right.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lagrange.errors import RunError
-from lagrange.evidence.laws import Numbers
+from lagrange.evidence.differences import Numbers
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
@@ -28,8 +29,8 @@ class ReportRow:
     """Comparison of one compiled quantity, such as the mass matrix, with its reference values.
 
     `error` is the largest error, relative to the magnitude of the terms of the entry. It is infinite if a value is
-    missing, and -1 if nothing was compared. `entry` and `point` (1, 2, ...) say where the largest error is;
-    `compiled` and `reference` are the two values there. `points` is the number of points compared.
+    missing, and -1 if nothing was compared. `entry` and `point` (1, 2, ...) are the entry and the point with the
+    largest error; `compiled` and `reference` are its two values. `points` is the number of points compared.
     """
 
     quantity: str
@@ -52,12 +53,12 @@ HEADINGS = ("quantity", "worst error", "entry", "at point", "points", "verdict")
 
 @dataclass(frozen=True, repr=False)
 class Report(ShownAsPage):
-    """The result of `system.check()`; it is true if everything holds.
+    """The result of `system.check()`; it is true if all quantities are right.
 
     - `rows` has one row per quantity.
     - `points` describes the points used.
-    - `outside` counts rejected points by reason: the statement has no value or no derivative there.
-    - `unexplained` lists points where only one of statement and compiled code has a value.
+    - `outside` counts rejected points by reason; at such points the statement has no value or no derivative.
+    - `unexplained` lists points at which either only the statement or only the compiled code has a value.
     - `notes` are remarks on what was not checked.
     - `limit` is the largest accepted error.
     - `seconds` is the duration of the check. It is not printed, so that the printed report is the same in every
@@ -79,7 +80,7 @@ class Report(ShownAsPage):
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """Sentences on everything that does not hold; empty if everything holds."""
+        """Sentences on all quantities that are wrong or could not be compared; empty if all are right."""
         sentences = []
         if not self.points:
             sentences.append(
@@ -125,7 +126,8 @@ class Report(ShownAsPage):
 class Direction(NamedTuple):
     """A direction in the space of states (q, v), along which the mass matrix and the Jacobian are compared.
 
-    `weights` are its 2n entries. `mass` is the compiled mass matrix (n, n) at the point, which may be wrong.
+    `weights` are the 2n entries of the direction. `mass` is the compiled mass matrix (n, n) at the point, which may be
+    wrong.
     """
 
     weights: Sequence[float]
@@ -144,7 +146,7 @@ SMOOTHNESS = 1e-14
 class ReferenceEntries:
     """Reference values of the entries of one quantity, flattened, with error bounds and sizes.
 
-    `error` bounds the errors of the numerical differentiation that gave the values. `size` is the magnitude of the
+    `error` bounds the errors of the numerical differentiation behind the values `value`. `size` is the magnitude of the
     terms of each entry; `lagrange.evidence.reference` defines it.
     """
 
@@ -165,7 +167,7 @@ class ReferenceEntries:
 
     @staticmethod
     def exactly(values: Numbers) -> ReferenceEntries:
-        """Return entries with these `values`, which are exact: error bounds are zero, sizes are the magnitudes."""
+        """Return entries with the exact `values`: their error bounds are zero, their sizes the magnitudes."""
         return ReferenceEntries(values, [0.0] * len(values), [abs(x) for x in values])
 
     def part(self, start: int, length: int) -> ReferenceEntries:
@@ -177,7 +179,7 @@ class ReferenceEntries:
         return ReferenceEntries(self.value + other.value, self.error + other.error, self.size + other.size)
 
     def around(self, values: Sequence[Any] | FloatArray) -> ReferenceEntries:
-        """Return entries with other `values`, which are exact, and with the sizes of these entries."""
+        """Return entries with other `values`, which are exact, and with the sizes of the present entries."""
         entries, zeros = ReferenceEntries(list(values), [0.0] * len(self.size), self.size), np.zeros(len(self.size))
         # Reuse the sizes: their conversion takes 0.1 s for a mass matrix of 86,000 entries.
         entries.__dict__["allowance"] = self.allowance[0], zeros
@@ -186,31 +188,35 @@ class ReferenceEntries:
         return entries
 
     def check_smooth(self) -> None:
-        """Raise OutsideDomain if differencing did not converge, because of a kink or a jump within its steps."""
-        floor = max(filter(None, self.size), default=0) * SMOOTHNESS
+        """Raise OutsideDomain if the differences did not converge, because of a kink or a jump within the steps."""
+        least = max(filter(None, self.size), default=0) * SMOOTHNESS
         pairs = zip(self.error, self.size, strict=True)
-        if any(error > SMOOTHNESS * (size + floor) for error, size in pairs if error):
+        if any(error > SMOOTHNESS * (size + least) for error, size in pairs if error):
             raise OutsideDomain("the energies have no derivative here")
 
 
 LIMIT = 2e-12
-"""Largest accepted error, relative to an entry's size: about 10,000 roundings.
+"""Largest accepted error, relative to the size of an entry: about 10,000 roundings.
 
-The largest error of correct code was 1e-14, in a batch of 30-link chains. Over the scenes, and 41 small systems at 10
-seeds each, it was 4e-15.
+The largest error of correct code was 1e-14, in a batch of 30-link chains. It was 4e-15 in the scenes, and in 41 small
+systems with 10 seeds each.
 """
 
 TINY_ERROR = 1e-290
-"""Absolute error that is always accepted: smaller doubles lose digits, as subnormal numbers do."""
+"""Absolute error that is always accepted, since smaller doubles lose digits (subnormal numbers)."""
 
 LANES = 11
-"""Number of states in a batch that is compared with single evaluations: more than a vector's width, and odd."""
+"""Number of states in a batch that is compared with single evaluations.
+
+It is larger than the width of vector registers, and odd.
+"""
 
 
 class Comparison:
     """Collects the comparisons of a check: the largest error of each row of the report, and failures.
 
-    A failure is recorded if values could not be compared.
+    `names` are the coordinates, and `rows` the names of the rows. Values that cannot be compared are recorded as
+    failures.
     """
 
     def __init__(self, names: Sequence[str], rows: Sequence[str]) -> None:
@@ -230,7 +236,7 @@ class Comparison:
     def add(
         self, row: str, labels: Sequence[str], values: Sequence[float] | FloatArray, part: ReferenceEntries
     ) -> None:
-        """Compare compiled values with the reference entries `part`, and update the largest error of the row `row`.
+        """Compare compiled `values` with the reference entries `part`, and update the largest error of the row `row`.
 
         `labels` are the names of the entries.
         """
@@ -269,9 +275,9 @@ class Comparison:
 
 
 def relative_error(off: Any, size: Any, uncertainty: Any) -> Any:
-    """Return the error `off` of an entry, relative to its `size`; it is at most LIMIT if the entry is right.
+    """Return the error `off` of an entry, relative to its `size`; an entry is right if this is at most LIMIT.
 
-    Ten times the `uncertainty` of the reference value are allowed in addition.
+    Ten times the `uncertainty` of the reference value are accepted in addition.
     """
     return off / (size + (10 * uncertainty + TINY_ERROR) / LIMIT)
 
@@ -308,8 +314,8 @@ def entry_labels(name: str, statement: Statement, columns: Columns) -> list[str]
 def computed(model: Model, name: str, point: SamplePoint, columns: Columns) -> FloatArray:
     """Return the compiled entries of the quantity `name` at a point, flattened.
 
-    All are NaN if the model raises RunError. `columns` are the indices of the columns of the Jacobian to return. If
-    it is a direction, the products of the mass matrix and of the Jacobian with it are returned.
+    All entries are NaN if the model raises RunError. `columns` are the indices of the columns of the Jacobian to
+    return, or a direction: then the mass matrix and the Jacobian are multiplied by it.
     """
     q, v = np.array(point.q), np.array(point.v)
     try:
@@ -347,9 +353,9 @@ def _evaluate(
 ) -> Any:
     """Return the entries of the quantity `name`, computed by its compiled function, as an array.
 
-    In a batch, the last axis of `q`, `v` and the result is that of the states. `columns` are the indices of the
-    columns of the Jacobian to return. With a direction instead, the Jacobian is multiplied by it, and the mass matrix
-    by its velocities.
+    For a batch, `q`, `v` and the result have a last axis for the states. `columns` are the indices of the columns of
+    the Jacobian to return. If it is a direction, the Jacobian is multiplied by it, and the mass matrix by its
+    velocities.
     """
     if name == "rhs":
         return model.called(model.kernel("rhs"), t, np.concatenate([q, v]), parameters)

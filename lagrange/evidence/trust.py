@@ -1,4 +1,4 @@
-"""The time until which a run is accurate, growth of errors along it, and reference solutions with an error bound."""
+"""Estimate how long a run is accurate and how errors grow along it; compute reference solutions with error bounds."""
 
 from __future__ import annotations
 
@@ -19,26 +19,32 @@ from lagrange.trajectory.run import Flow, compiled, span_or_end, trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 DEFAULT_DIGITS = 22
-"""Decimal digits of the reference: its errors are 1e-6 of those of doubles, since both grow by the same factor."""
+"""Decimal digits of the reference.
+
+Its errors are 1e-6 of the errors of doubles, since both grow by the same factor.
+"""
 
 LEAST_DIGITS, GREATEST_DIGITS = 18, 200
 
 APART = 4
-"""Number of digits by which the second run is less precise than the reference. Their difference is the error bound:
-fewer digits change the intervals, the points in them and the steps of the differences."""
+"""Number of digits by which the second run is less precise than the reference run.
+
+The difference of both runs is the error bound. With fewer digits, the intervals, their points and the difference steps
+differ, too.
+"""
 
 REFERENCE_SECONDS = 180.0
 """Time limit of each run in multiple precision, in seconds."""
 
 TIGHTEST = 1e-13
-"""Relative tolerance of the second run, with which a reference computed by a method is compared."""
+"""Relative tolerance of the second run, with which the reference run of a method is compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceSolution:
     """Reference states at each of the `times`, 2n numbers each, and a bound on their errors.
 
-    `uncertainty` bounds the errors as `error` measures them. `about` is a phrase on the origin of the states.
+    `uncertainty` is the bound, in the units of the method `error`. `about` is a phrase on the origin of the states.
     """
 
     times: tuple[float, ...]
@@ -47,7 +53,7 @@ class ReferenceSolution:
     about: str
 
     def error(self, y: FloatArray, unit: FloatArray) -> float:
-        """Return the largest difference of the reference from states y (2n, K), each entry in units of `unit` (2n,)."""
+        """Return the largest difference of states y (2n, K) from the reference, in units of `unit` (2n,) per entry."""
         if not np.isfinite(y).all():
             return np.inf
         return max(_distance(column, state, unit) for column, state in zip(y.T.tolist(), self.states, strict=True))
@@ -58,10 +64,10 @@ def reference_solution(
 ) -> ReferenceSolution:
     """Return the reference solution of a problem at `times`.
 
-    `reference` is None for an independent run in multiple precision, with `digits` decimal digits. Else it is an
-    array of states (2n,) or (2n, K), or a method as name or instance. `unit` (2n,) has the unit of errors of each
-    entry. `growth` is the factor by which errors grow along the run. Raises StatementError for an unusable reference,
-    and RunError if it cannot be computed.
+    `reference` is None for an independent run in multiple precision, with `digits` decimal digits. Else it is an array
+    of states (2n,) or (2n, K), or a method as name or instance. `unit` (2n,) has the unit of errors of each entry.
+    `growth` is the factor by which errors grow along the run. Raises StatementError for an unusable `reference`, and
+    RunError if the solution cannot be computed.
     """
     if reference is None:
         return _independent(problem, times, digits, unit, growth)
@@ -114,7 +120,7 @@ def _independent(
 
 
 def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: float | None) -> tuple[Any, ...]:
-    """Return the states of a motion at the times. Each is the end of a run from the previous time."""
+    """Return the states at the times, each computed by a run from the previous time."""
     flow = Flow(problem.model, RunOptions(method, tolerance))
     y, now, states = problem.y0, problem.t0, []
     for then in times:
@@ -131,7 +137,7 @@ def _distance(y: Sequence[Any], other: Sequence[Any], unit: FloatArray) -> float
 
 
 def digits_of(digits: Any) -> int:
-    """Return a checked number of digits. Raises StatementError unless it is an integer in the allowed range."""
+    """Return `digits` as an int. Raises StatementError unless it is a whole number in the allowed range."""
     number = real_number(digits, "digits")
     if number != int(number) or not LEAST_DIGITS <= number <= GREATEST_DIGITS:
         raise StatementError(
@@ -141,10 +147,13 @@ def digits_of(digits: Any) -> int:
 
 
 PARTS = 4
-"""Number of steps of the variational equation per step of the run."""
+"""Number of steps of the variational equation in each step of the run."""
 
 SENSITIVITY_STEPS = 50_000
-"""Largest number of steps of the run: each takes about 60 us, and `PARTS` matrix products."""
+"""Largest number of steps of a run whose error growth is computed.
+
+Each step takes about 60 us, and `PARTS` matrix products.
+"""
 
 ENTRIES_AT_ONCE = 2**22
 """Largest number of matrix entries in memory at once: 32 MB."""
@@ -157,7 +166,7 @@ class Sensitivity:
     """The effect of errors along a run on its final state.
 
     `growth` is the largest factor by which a relative error of a state grows until the end. `floor` is the change of
-    the final state when the most sensitive state of the run is rounded to double precision.
+    the final state if the most sensitive state of the run is rounded to double precision: no method is more accurate.
     """
 
     growth: float
@@ -212,8 +221,8 @@ def sensitivity(
 SAFETY = 10.0
 """Ratio of the error bound to the largest difference between the runs.
 
-Over 200 random starts of a double pendulum at high energy the largest true error until a horizon was 1/9 of the bound,
-and 1/20 of it where rounding dominates (docs/benchmarks/hard-cases.md).
+For 200 random starts of a double pendulum at high energy, the largest true error until a horizon was 1/9 of the bound.
+It was 1/20 of the bound where rounding dominates (docs/benchmarks/hard-cases.md).
 """
 
 COMPARISON_METHODS: tuple[tuple[str, float, float], ...] = (
@@ -224,10 +233,10 @@ COMPARISON_METHODS: tuple[tuple[str, float, float], ...] = (
 """Comparison runs: method, relative tolerance, and perturbation of the initial state in units of rounding."""
 
 WITNESSES = 2
-"""Number of comparison runs that must reach the horizon."""
+"""Least number of comparison runs that must reach the horizon."""
 
 TIMES_PER_STEP, MOST_TIMES = 4, 4000
-"""Number of comparison times per step of the run, including the end of the step, and approximate limit of all times."""
+"""Number of comparison times in each step, including its end; approximate limit on the number of all times."""
 
 START_PERTURBATION = 2.0**-52
 
@@ -236,9 +245,9 @@ START_PERTURBATION = 2.0**-52
 class TrustHorizon:
     """The time until which a run is accurate to an error: `float(horizon)` is that time.
 
-    `times` (K,) are the times at which runs are compared. `bounds` (K,) are bounds of the error up to each time, in
-    units of the state or, if `relative`, of each entry's largest magnitude. `complete` is true if the run is accurate
-    until its end. `witnesses` has the names of the runs with which it is compared.
+    `times` (K,) are the times at which runs are compared. `bounds` (K,) are bounds of the error up to each time. Errors
+    are in units of the state or, if `relative` is true, of each entry's largest magnitude. `complete` is true if the
+    run is accurate until its end. `witnesses` has the names of the runs with which it is compared.
     """
 
     time: float
@@ -274,9 +283,9 @@ def trust_horizon(
 ) -> TrustHorizon:
     """Return the time until which the run of a system or model is accurate to `error`, at its steps and in between.
 
-    The run is that of `lg.integrate(model, span, initial, method=..., ...)`. A number in place of a span is its end;
-    the run then begins at 0. `error` is the largest accepted error of any entry of the state, in the units of that
-    entry. With `relative` it is relative to that entry's largest magnitude along the run.
+    The run is that of `lg.integrate(model, span, initial, method=..., ...)`. If `span` is a number, it is the end, and
+    the run begins at 0. `error` is the largest accepted error of any entry of the state, in the units of this entry. If
+    `relative` is true, it is relative to the entry's largest magnitude along the run.
 
     Raises StatementError for invalid arguments, and RunError if fewer than two comparison runs succeed.
     """
@@ -321,9 +330,9 @@ def trust_horizon(
 
 
 def _comparison_times(marks: FloatArray) -> FloatArray:
-    """Return the times at which runs are compared: the times of steps, `marks`, and others within each step.
+    """Return the times at which runs are compared: the times of steps, `marks`, and further times within each step.
 
-    There are `TIMES_PER_STEP` in each step. They are thinned to about `MOST_TIMES` in all.
+    There are `TIMES_PER_STEP` in each step. If there are more than about `MOST_TIMES` in all, some are left out.
     """
     parts = np.arange(1, TIMES_PER_STEP + 1) / TIMES_PER_STEP
     inner = marks[:-1, None] + np.diff(marks)[:, None] * parts
@@ -335,7 +344,7 @@ def _comparison_times(marks: FloatArray) -> FloatArray:
 def _comparison_runs(
     model: Model, run: Trajectory, values: Mapping[Any, float], size: FloatArray
 ) -> Iterator[tuple[str, Trajectory]]:
-    """Yield (name, run) for each comparison run that succeeds. One of them has a perturbed initial state.
+    """Yield (name, run) for each comparison run that succeeds; one of them has a perturbed initial state.
 
     `values` are the values of the parameters. `size` (2n,) scales the perturbation of entries that start at 0.
     """
@@ -354,4 +363,4 @@ def _comparison_runs(
             )
         except StatementError:
             continue
-        yield f"{method} at {tolerance:g}" + (" from a start put off" if off else ""), comparison
+        yield f"{method} at {tolerance:g}" + (" from a perturbed start" if off else ""), comparison

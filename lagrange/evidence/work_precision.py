@@ -1,4 +1,7 @@
-"""Work-precision data: error and time of every method at every tolerance or step size, for one reference solution."""
+"""Compare methods by work and precision: error and time of each at every tolerance or step size (`race`).
+
+All errors are relative to one reference solution.
+"""
 
 from __future__ import annotations
 
@@ -22,17 +25,25 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))
 
 STEP_SIZES = 9
-"""Number of step sizes if none are given, each half of the previous one."""
+"""Number of default step sizes, each half of the previous one."""
 
 PRELIMINARY_METHOD = "dop853"
-"""Method of the preliminary runs. A Taylor step may span half an oscillation, and then miss its amplitude."""
+"""Method of the preliminary runs.
+
+It is not taylor, whose steps may span half an oscillation and then miss its amplitude.
+"""
 
 STEPS_PER_PRELIMINARY = 4
-"""Ratio of dop853's mean step at `COARSE_RTOL` to the longest step, at which RK4 begins to resolve the motion."""
+"""Ratio of dop853's mean step at `COARSE_RTOL` to the longest default step.
+
+At this ratio RK4 begins to resolve the motion.
+"""
 
 COARSE_RTOL, FINE_RTOL = 1e-6, 1e-11
-"""Tolerances of the preliminary runs. The coarse run gives the step sizes, the fine run the growth of errors and the
-magnitudes of the states."""
+"""Tolerances of the preliminary runs.
+
+The coarse run gives the step sizes, and the fine run the growth of errors and the magnitudes of the states.
+"""
 
 RACED = (
     "taylor",
@@ -48,21 +59,26 @@ RACED = (
     "scipy-dop853",
     "scipy-lsoda",
 )
-"""Default methods, one or two of each kind: Taylor series, explicit with and without step control, symplectic,
-implicit, and SciPy's best. All methods would take minutes, and each of the others performs like one of these."""
+"""Default methods of a comparison, one or two of each kind.
+
+The kinds are Taylor series, explicit methods with and without step control, symplectic and implicit ones, and SciPy's
+best. All methods would take minutes, and each of the others performs like one of these.
+"""
 
 FEWEST_STEPS = 16
-"""Smallest number of steps of a run with the longest step."""
+"""Smallest number of steps of a run with the longest default step."""
 
 NOTABLE_GROWTH = 1e4
-"""Growth factor of errors above which the result has a note on it."""
+"""Growth factor of errors above which the result has a note on the growth."""
 
 FINE_RUN_SECONDS = 60.0
 """Smallest time limit of the fine preliminary run, in seconds."""
 
 MOST_OUTPUTS, MOST_REPEATS = 100_000, 10_000
-"""Largest numbers of times at which errors are measured, and of timed runs. Each time costs the reference solution an
-evaluation with many digits."""
+"""Largest numbers of times at which errors are measured, and of timed runs.
+
+The reference solution is evaluated with many digits at each time.
+"""
 
 SHORTEST_TIMING = 1e-3
 """Shortest timing, in seconds; a shorter run is repeated within one timing."""
@@ -70,11 +86,11 @@ SHORTEST_TIMING = 1e-3
 LARGEST_UNCERTAINTY = 1e-3
 """Largest uncertainty of the reference, and largest effect of rounding, relative to the size of the states.
 
-Beyond it the comparison has no meaning.
+Above this limit the comparison has no meaning.
 """
 
 REFUSED, SKIPPED = "refused", "skipped"
-"""Status of an entry that the method refuses, and of one skipped because a coarser setting took too long."""
+"""Status of an entry that the method refuses, and of an entry skipped because a coarser setting took too long."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +98,7 @@ class Entry:
     """Measurement of one method at one setting.
 
     `setting` is the tolerance (rtol) of an adaptive method, else the step. `error` is NaN if the run did not reach its
-    end. If `resolved` is false, `error` is the uncertainty of the reference, which the true error does not exceed.
+    end. If `resolved` is false, `error` is the uncertainty of the reference, and the true error is at most as large.
     `time` is the shortest of `timed` warm runs, in seconds, or NaN if none reached its end. `status` and `message` say
     how the run ended.
     """
@@ -113,8 +129,9 @@ class Entry:
 class Result:
     """Result of a comparison of methods.
 
-    `unit` (2n,) is the unit of errors for each entry of the state: 1, or for relative errors the entry's size. `size`
-    (2n,) is the largest magnitude of each entry along the run.
+    `entries` are the measurements. `unit` (2n,) is the unit of errors for each entry of the state: 1, or the entry's
+    `size` for relative errors. `size` (2n,) is the largest magnitude of each entry along the run. `notes` are sentences
+    on the growth of errors and on methods that were left out.
     """
 
     entries: tuple[Entry, ...]
@@ -129,9 +146,10 @@ class Result:
 class RaceSettings:
     """Settings of a comparison of methods, which measures errors at `times`.
 
-    `tolerances` are the settings of adaptive methods. `steps` are the step sizes of others, or None for the default
-    ones. Each method is timed `repeats` times. `max_wall` is the longest time of a run in seconds. If `relative`,
-    errors are relative to the size of each entry. `digits` are those of the reference solution, or None.
+    `tolerances` are the settings of adaptive methods. `steps` are the step sizes of other methods, or None for the
+    default ones. Each method is timed `repeats` times. `max_wall` is the longest time of a run in seconds. If
+    `relative` is true, errors are relative to the size of each entry. `digits` is the precision of the reference
+    solution, or None for the default.
     """
 
     times: tuple[float, ...]
@@ -154,9 +172,9 @@ def race(
 ) -> Result:
     """Return the error and the time of every method at every setting.
 
-    `methods` is None for the default methods. `chosen` has the settings. `reference` is a solution to compare with,
-    or None to compute one. Raises StatementError for bad arguments, and RunError if the run or the reference is too
-    inaccurate to compare with.
+    If `methods` is None, the default methods are compared. `chosen` has the settings. `reference` is a solution to
+    compare with, or None to compute one. Raises StatementError for invalid arguments, and RunError if the run or the
+    reference is too inaccurate for a comparison.
     """
     labelled = _labelled_methods(methods)
     seconds = max(chosen.max_wall, FINE_RUN_SECONDS)
@@ -203,7 +221,7 @@ class _Measurements:
         self.outputs = np.array(settings.times) if len(settings.times) > 1 else None
 
     def run(self, label: str, method: Integrator, settings: Sequence[float]) -> Iterator[Entry]:
-        """Yield the measurements of a method, called `label`, from the coarsest of `settings` to the finest.
+        """Yield the measurements of the method `method`, called `label`, from the coarsest of `settings` to the finest.
 
         Settings are tolerances of an adaptive method, and step sizes of any other.
         """
@@ -250,7 +268,7 @@ class _Measurements:
         return least, timed
 
     def _warm(self, method: Integrator, problem: Problem) -> Callable[[], FloatArray]:
-        """Return a prepared function that runs the method and returns states (2n, K), so that only the run is timed."""
+        """Return a function that runs the prepared method and returns states (2n, K); only this run is timed."""
         if self.outputs is not None:
             return lambda: method.integrate(problem).y
         flow = Flow(
@@ -291,7 +309,7 @@ def race_settings(
 
 
 def _sizes(label: str, sizes: Any) -> tuple[float, ...]:
-    """Return a checked list of distinct positive numbers. Raises StatementError for anything else."""
+    """Return `sizes` as a tuple of distinct positive numbers. Raises StatementError for anything else."""
     listed = None if isinstance(sizes, (str, bytes)) else entries(sizes, label)
     if listed is None:
         raise StatementError(f"{label} is {shown(sizes)}: give a list of positive numbers, such as [1e-6, 1e-9].")
@@ -305,7 +323,10 @@ def _sizes(label: str, sizes: Any) -> tuple[float, ...]:
 
 
 def _labelled_methods(methods: Any) -> list[tuple[str, Integrator]]:
-    """Return pairs (label, method) for names or instances, None for the defaults. Repeated names get a number."""
+    """Return pairs (label, method) for names or instances of methods, or for the default methods if None.
+
+    Labels of repeated methods get a number.
+    """
     if methods is None:
         chosen: list[Any] = list(RACED)
     else:
@@ -331,7 +352,7 @@ def _checked(run: Trajectory) -> Trajectory:
 
 
 def _growth_notes(effect: Sensitivity, size: FloatArray, unit: FloatArray) -> Iterator[str]:
-    """Yield a note on the growth of errors along the run, if it is large: it affects all methods.
+    """Yield a note on the growth of errors along the run if it is large, since it affects all methods.
 
     `size` (2n,) is the magnitude of each entry of the state, and `unit` (2n,) the unit of its error.
     """

@@ -16,7 +16,7 @@ from lagrange.equations import euler_lagrange
 from lagrange.equations.constraints import ConstraintEquations, constraint_equations
 from lagrange.errors import RunError
 from lagrange.evidence.check import CONSTRAINT_QUANTITIES, QUANTITIES, check
-from lagrange.evidence.laws import ConstraintSurface
+from lagrange.evidence.differences import ConstraintSurface
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.evidence.precise_run import precise_run
 from lagrange.evidence.quick import quick_check

@@ -14,8 +14,8 @@ from mpmath import libmp
 
 import lagrange as lg
 from lagrange.errors import RunError
-from lagrange.evidence import laws
-from lagrange.evidence.laws import LOCAL_FROM
+from lagrange.evidence import differences
+from lagrange.evidence.differences import LOCAL_FROM
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.quick import quick_check
 from lagrange.evidence.reference import Reference
@@ -128,18 +128,18 @@ def test_numbers_that_doubles_cannot_hold_are_outside() -> None:
     assert reference.at(SamplePoint((3.0,), (1.0,), 0.0, {}, ""), [0])
 
 
-def sparse(numbers: Sequence[float]) -> laws.Row:
+def sparse(numbers: Sequence[float]) -> differences.Row:
     return {i: MP.mpf(x) for i, x in enumerate(numbers) if x}
 
 
 def test_factorization_sizes_bound_the_factors() -> None:
-    sizes = laws.factorization_sizes([sparse(row) for row in ([4, -2, 0], [-2, 1.5, 1], [0, 1, 5])])
+    sizes = differences.factorization_sizes([sparse(row) for row in ([4, -2, 0], [-2, 1.5, 1], [0, 1, 5])])
     # L = [[1], [-1/2, 1], [0, 2, 1]], D = (4, 1/2, 3)
     assert sizes == [{0: 4, 1: 2}, {0: 2, 1: 2.5, 2: 1}, {1: 1, 2: 7}]
 
 
 def test_sizes_without_a_factorization_fall_back_on_the_rows() -> None:
-    assert laws.factorization_sizes([sparse((0, 4)), sparse((4, 0))]) == [{0: 4, 1: 4}, {0: 4, 1: 4}]
+    assert differences.factorization_sizes([sparse((0, 4)), sparse((4, 0))]) == [{0: 4, 1: 4}, {0: 4, 1: 4}]
 
 
 def test_velocities_that_are_rounding_leave_the_inertia_its_digits() -> None:
@@ -172,7 +172,7 @@ def test_local_terms_give_the_same_reference(monkeypatch: pytest.MonkeyPatch) ->
     statement = row(5)
     point, columns = Sampler(statement, 0).point(SAMPLE_KINDS[1]), list(range(10))
     whole = Reference(statement).at(point, columns)
-    monkeypatch.setattr(laws, "LOCAL_FROM", 2)
+    monkeypatch.setattr(differences, "LOCAL_FROM", 2)
     local = Reference(statement).at(point, columns)
     for name, entries in whole.items():
         for a, b, size in zip(entries.value, local[name].value, entries.size, strict=True):

@@ -369,7 +369,7 @@ def test_rounding_is_part_of_it() -> None:
     }
     for horizon in tight.values():
         assert not horizon.complete
-        assert len(horizon.witnesses) == 3 and horizon.witnesses[-1].endswith("from a start put off")
+        assert len(horizon.witnesses) == 3 and horizon.witnesses[-1].endswith("from a perturbed start")
     a, b = (lg.integrate(pendulum, (0.0, 60.0), initial, method=m, rtol=1e-15, atol=1e-16) for m in tight)
     common = np.linspace(0.0, min(float(horizon) for horizon in tight.values()), 50)
     assert np.abs(a.at(common) - b.at(common)).max() <= 2e-3

@@ -16,7 +16,7 @@ import sympy
 
 from lagrange.equations.derivation import Derivation, derive
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.laws import solve_dense
+from lagrange.evidence.differences import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
 from lagrange.mechanics.grading.slips import slip_of, with_exact_numbers, with_parameters, wrong_definition

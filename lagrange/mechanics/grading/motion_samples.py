@@ -12,7 +12,7 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError
-from lagrange.evidence.laws import ConstraintSurface, solve_dense
+from lagrange.evidence.differences import ConstraintSurface, solve_dense
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
 from lagrange.mechanics.plain_form import PlainForm

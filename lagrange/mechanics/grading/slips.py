@@ -17,7 +17,7 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError, counted, listing
-from lagrange.evidence.laws import solve_dense
+from lagrange.evidence.differences import solve_dense
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.expansion import small
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, motion_samples

@@ -15,7 +15,7 @@ import sympy
 
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.laws import solve_dense
+from lagrange.evidence.differences import solve_dense
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample
 from lagrange.mechanics.grading.one_change import Change, evaluated, one_change

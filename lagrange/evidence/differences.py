@@ -1,6 +1,7 @@
-"""Scheme of numerical differentiation of stated energies: momenta, forces, mass matrix, equations and constraints.
+"""Numerical differentiation of stated energies and constraints: formulas for the reference values of a check.
 
-The difference steps are chosen in `reference` and `quick`.
+They give momenta, forces, mass matrix, equations and multipliers. The difference steps are chosen in `reference` and
+`quick`.
 """
 
 from __future__ import annotations
@@ -18,12 +19,15 @@ from lagrange.statement.statement import Statement
 
 Numbers = list[Any]
 Row = dict[int, Any]
-"""Nonzero entries of a row, by column. A sparse matrix is a list of rows."""
+"""Nonzero entries of a row, by column. A sparse matrix is a list of such rows."""
 Rows = Sequence[int] | None  # Indices of the equations to compute; None for all
 
 
 class Estimate(NamedTuple):
-    """Extrapolated values, a bound on the error of each value, and the values with the longer step (`coarse`)."""
+    """Extrapolated results, with an estimate of their errors.
+
+    `value` are the results, `error` is a bound on the error of each, and `coarse` are the results with the longer step.
+    """
 
     value: Numbers
     error: Numbers
@@ -31,7 +35,7 @@ class Estimate(NamedTuple):
 
 
 def central(function: Callable[[Any], Sequence[Any]], step: Any) -> Numbers:
-    """Return the central difference for df/dx at 0, with the given step, from two evaluations."""
+    """Return the central difference (f(step) - f(-step)) / (2 step), which approximates df/dx at 0."""
     ahead, behind = function(step), function(-step)
     return [(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
 
@@ -39,25 +43,28 @@ def central(function: Callable[[Any], Sequence[Any]], step: Any) -> Numbers:
 def extrapolated(coarse: Sequence[Any], fine: Sequence[Any]) -> Estimate:
     """Return the limit of results as the difference steps go to 0, with an error bound.
 
-    `fine` are the results with half the steps of `coarse`. Their error is a series in even powers of the step. Nested
-    differences, and results computed from them such as solutions of linear systems, extrapolate together.
+    `fine` are the results with half the steps of `coarse`. Their error is a series in even powers of the step. This
+    holds for nested differences as well, and for results computed from them, such as solutions of linear systems.
     """
     value = [(4 * f - c) / 3 for f, c in zip(fine, coarse, strict=True)]
     return Estimate(value, [abs(x - f) for x, f in zip(value, fine, strict=True)], list(coarse))
 
 
 LOCAL_FROM = 13
-"""Smallest number of coordinates for which terms are separated. For fewer, one program for all terms is as fast."""
+"""Smallest number of coordinates for which terms are separated.
+
+For fewer coordinates, one program for all terms is as fast.
+"""
 
 
 @dataclass(frozen=True)
 class Terms:
-    """Programs for L and D: each computes at least the terms that contain one coordinate or velocity.
+    """Programs for L and D, each with at least the terms that contain one coordinate or velocity.
 
-    `by_velocity` has a program for the terms of L with each velocity, and `by_place` for those with each coordinate.
-    The last result of a program in `dissipation` is the sum of the terms of D with one velocity. `read` has for each
-    velocity the entries of (q, v) in these terms of L. `touched` has for each entry of (q, v) the indices of the
-    equations of motion that contain it.
+    `by_velocity` has a program for the terms of L with each velocity, and `by_place` for the terms with each
+    coordinate. The last result of a program in `dissipation` is the sum of the terms of D with one velocity. `read` has
+    for each velocity the entries of (q, v) in these terms of L. `touched` has for each entry of (q, v) the indices of
+    the equations of motion that contain it.
     """
 
     by_velocity: Sequence[Precise]
@@ -70,8 +77,8 @@ class Terms:
 def terms_of(statement: Statement, lagrangian: Precise, loads: Precise, digits: int) -> Terms:
     """Return programs for the terms of L and D that contain each coordinate or velocity.
 
-    For few coordinates they are not worthwhile: then all are `lagrangian`, which computes L, and `loads`, whose last
-    result is D.
+    `lagrangian` computes L, and the last result of `loads` is D. For few coordinates all programs are one of these two.
+    `digits` is the precision of the programs.
     """
     n, width = len(statement.coordinates), len(statement.state_names)
     if n < LOCAL_FROM:
@@ -90,7 +97,7 @@ def terms_of(statement: Statement, lagrangian: Precise, loads: Precise, digits: 
 
 
 def _terms(expression: Any, statement: Statement) -> list[tuple[Any, frozenset[Any]]]:
-    """Return pairs (term, coordinates and velocities in it) of an expression; c (a + b) counts as two terms."""
+    """Return pairs (term, coordinates and velocities in the term) of an expression; c (a + b) counts as two terms."""
     moving = frozenset((*statement.coordinates, *statement.velocities))
     pairs = []
     stack = list(sympy.Add.make_args(expression))
@@ -129,13 +136,13 @@ Nudge = Callable[[str, int], Any]
 
 
 def exactly(_name: str, _index: int) -> int:
-    """Return 1: the factor of every term in a computation that does not imitate rounding errors by random factors."""
+    """Return 1: the factor of each term in a computation without random factors in place of rounding errors."""
     return 1
 
 
 @dataclass(frozen=True)
 class DifferenceSteps:
-    """Steps of the central differences: one per coordinate, one per velocity, and a time step along the motion."""
+    """Steps of central differences: `q` and `v` for each entry of the state, and `motion` in time along the motion."""
 
     q: Numbers
     v: Numbers
@@ -148,8 +155,9 @@ class DifferenceSteps:
         """Return steps at a state (q, v): `unit` times the `sizes` of q and v.
 
         Without `sizes` the size of an entry is its magnitude, or 1 for a zero. During the time step no coordinate
-        changes by more than its own step. With `timed` the time step is also at most `unit` times |t|. This limit is
-        not always used: for a planet in SI units the time step would be so short that differences lose all digits.
+        changes by more than its own step. If `timed` is true, the time step is also at most `unit` times |t|. This
+        limit is not always used: for a planet in SI units the time step would be so short that differences lose all
+        digits.
         """
         by_q, by_v = ([unit * x for x in part] for part in sizes or [[abs(x) or 1 for x in part] for part in (q, v)])
         times = [step / abs(rate) for step, rate in zip(by_q, v, strict=True) if rate]
@@ -158,20 +166,19 @@ class DifferenceSteps:
         return cls(by_q, by_v, min(times))
 
     def times(self, scale: Any) -> DifferenceSteps:
-        """Return these steps, all multiplied by `scale`: nested differences are extrapolated by halving all steps."""
+        """Return all steps multiplied by `scale`, such as 1/2 for the extrapolation of nested differences."""
         return DifferenceSteps([scale * h for h in self.q], [scale * h for h in self.v], scale * self.motion)
 
 
 @dataclass(frozen=True)
 class Sources:
-    """The stated L, Q and D as functions of (q, v, t), and what follows from them by differences.
+    """The stated L, Q and D as functions of (q, v, t), and the terms of the equations of motion by differences.
 
     - `for_momenta(i)`, `for_mass(i)` and `dissipation(i)` have at least the terms with velocity i; `for_forces(i)`
       has at least the terms with coordinate i. `applied` are the forces Q.
     - `read(i)` lists the entries of (q, v) that occur in terms with velocity i.
     - `touched(j)` lists the indices of the equations of motion that contain entry j of (q, v).
-    - `nudge(name, index)` is a factor close to 1 for a term that is added to a sum here; it is the same at each
-      evaluation.
+    - `nudge(name, index)` is a factor close to 1 for a term of a sum; it is the same at each evaluation.
 
     To measure rounding errors, these functions are replaced by copies in which each intermediate number has a random
     factor close to 1. L is stored three times, for p, for dL/dq and for M, because compiled code computes these
@@ -254,10 +261,9 @@ class Sources:
         """Return the derivatives of dp/dt - f by y_j, {equation: slope}, for each j in `columns`, where y = (q, v).
 
         Differentiating M a = h gives M da/dy_j = -d(dp/dt - f)/dy_j. So the Jacobian of the accelerations needs no
-        solution at displaced states. Its right-hand side is the residual with dL/dy_j, dQ/dy_j and dD/dy_j in place of
-        L, Q and D. For a velocity v_k it has the additional term dp/dq_k, as dp/dt contains v_k dp/dq_k. Entry y_j is
-        displaced last, for one column after another, since a program then repeats only the operations that depend on
-        it.
+        accelerations at displaced states. The right-hand side is the residual with dL/dy_j, dQ/dy_j and dD/dy_j in
+        place of L, Q and D. For a velocity v_k there is an additional term dp/dq_k, as dp/dt contains v_k dp/dq_k. The
+        displacement of y_j is the innermost loop, since a program then repeats only the operations that depend on y_j.
         """
         n, drag, here = len(q), self.dissipation, (q, v, t, steps)
         touched = {j: frozenset(self.touched(j)) for j in columns}
@@ -293,7 +299,7 @@ def slope(
 ) -> Any:
     """Return the derivative of a function of (q, v, t) along a direction, {index in (q, v): weight}.
 
-    The value of the function is a number or an array. No entry of (q, v) changes by more than its own step.
+    The function returns a number or an array. No entry of (q, v) changes by more than its own step.
     """
     n, sizes = len(q), (*steps.q, *steps.v)
     h = min(sizes[j] / abs(weight) for j, weight in direction.items())
@@ -308,7 +314,7 @@ def slope(
 
 
 TRUSTED = 1e-12
-"""Smallest pivot, relative to its diagonal entry, for which a factorization without row exchanges is assumed."""
+"""Smallest pivot, relative to its diagonal entry, for which a factorization needs no row exchanges."""
 
 
 class SingularMass(OutsideDomain):
@@ -316,7 +322,7 @@ class SingularMass(OutsideDomain):
 
 
 def factorized(matrix: Sequence[Row], threshold: Any) -> Callable[[Row], Row]:
-    """Return a function from r to the solution x of matrix * x = r. Rows and vectors are {index: entry}.
+    """Return a function that solves `matrix` * x = r for any r. Rows and vectors are {index: entry}.
 
     Raises SingularMass if a pivot, relative to the largest entry of its row, is at most `threshold`.
     """
@@ -368,10 +374,10 @@ def solve_dense(matrix: Sequence[Numbers], right: Numbers, threshold: Any) -> Nu
 
 
 def balance(matrix: Sequence[Row], n: int) -> Numbers:
-    """Return scale factors d such that the products d_i A_ij d_j do not depend on units, for A = [[M, G^T], [G, 0]].
+    """Return scale factors d for A = [[M, G^T], [G, 0]], such that the products d_i A_ij d_j do not depend on units.
 
     The diagonal of M becomes 1, and so does the largest entry in each row of G. A coordinate without inertia gets the
-    factor of the largest diagonal entry.
+    factor of the largest diagonal entry. n is the size of M.
     """
     diagonal = [abs(matrix[i].get(i, 0)) for i in range(n)]
     largest = max(diagonal) or 1
@@ -384,10 +390,10 @@ def balance(matrix: Sequence[Row], n: int) -> Numbers:
 def factorization_sizes(matrix: Sequence[Row], negative: int = 0) -> list[Row]:
     """Return the magnitudes of the numbers in a factorization of a symmetric matrix, as n rows.
 
-    For M = L D L^T it is |L| |D| |L^T|; the pivots must be positive, except for the last `negative` ones. In floating
-    point the solution with these factors is exact for a matrix that differs by a few roundings of these numbers (N. J.
-    Higham, Accuracy and Stability of Numerical Algorithms, 2nd edition, 2002, theorem 10.3). Other matrices need row
-    exchanges; then the largest entries of the rows are used.
+    For M = L D L^T they are |L| |D| |L^T|; the pivots must be positive, except for the last `negative` ones. In
+    floating point the solution with these factors is exact for a matrix that differs by a few roundings of these
+    numbers (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd edition, 2002, theorem 10.3). Other
+    matrices need row exchanges; for them the result is computed from the largest entries of the rows.
     """
     n = len(matrix)
     sizes = [{j: abs(x) for j, x in row.items()} for row in matrix]
@@ -416,7 +422,7 @@ def along(x: Sequence[Any], direction: Sequence[Any], s: Any) -> Numbers:
 
 
 def _gradient(function: Callable[[int, Numbers], Any], x: Numbers, rows: Rows, steps: Numbers) -> Numbers:
-    """Return d function(i, x) / dx_i for each i in `rows`; `steps` are those of the entries of x."""
+    """Return d function(i, x) / dx_i for each i in `rows` (None for all); `steps` has a step for each entry of x."""
 
     def slope(i: int) -> Any:
         return central(lambda h: [function(i, moved(x, i, h))], steps[i])[0]
@@ -433,10 +439,11 @@ def moved(x: Sequence[Any], i: int, distance: Any) -> Numbers:
 
 @dataclass(frozen=True)
 class StatedConstraints:
-    """The m constraint expressions as functions of (q, v, t); `holonomic` has True for each constraint on positions.
+    """The m constraint expressions as functions of (q, v, t), and their time derivatives by differences.
 
-    `for_gradient` serves for the gradient G, and `for_rates` for time derivatives. Both have the same values. To
-    measure rounding errors, each is replaced by a copy with its own random factors close to 1.
+    `holonomic` has True for each constraint on positions. `for_gradient` is used for the gradient G, and `for_rates`
+    for time derivatives. Both have the same values. To measure rounding errors, each is replaced by a copy with its own
+    random factors close to 1.
     """
 
     for_gradient: StateFunction
@@ -450,7 +457,7 @@ class StatedConstraints:
         return StatedConstraints(values, values, holonomic)
 
     def chosen(self, by_position: Sequence[Any], by_velocity: Sequence[Any]) -> Numbers:
-        """Return one entry for each constraint: of `by_position` if it is holonomic, else of `by_velocity`."""
+        """Return one entry for each constraint, from `by_position` if it is holonomic, else from `by_velocity`."""
         return [
             a if is_holonomic else b
             for a, b, is_holonomic in zip(by_position, by_velocity, self.holonomic, strict=True)
@@ -495,7 +502,7 @@ class StatedConstraints:
     def _rates(
         self, function: StateFunction, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, a: Numbers
     ) -> Numbers:
-        """Return the time derivatives of the m values of a function along the path q + v s + a s^2/2."""
+        """Return the time derivatives of the m values of `function` along the path q + v s + a s^2/2."""
         v_along = [x * self.nudge("held velocity", i) for i, x in enumerate(v)]
         a_along = [x * self.nudge("held acceleration", i) for i, x in enumerate(a)]
         t_along = self.nudge("held time", 0)
@@ -525,7 +532,10 @@ def bordered(mass: Sequence[Row], gradient: Sequence[Numbers]) -> list[Row]:
 
 
 CONSTRAINT_DIGITS = 60
-"""Decimal digits of the evaluations: first differences with steps of 1e-20 keep two thirds of them."""
+"""Decimal digits of the evaluations of constraints.
+
+First differences with steps of 1e-20 keep two thirds of the digits.
+"""
 
 
 class ConstraintSurface:
@@ -540,7 +550,7 @@ class ConstraintSurface:
     def nearest(
         self, q: Sequence[Any], v: Sequence[Any], t: Any, parameters: Mapping[Any, Any]
     ) -> tuple[Numbers, Numbers]:
-        """Return q and v moved along the rows of G until the constraints hold. Raises OutsideDomain if that fails."""
+        """Return q and v moved along the rows of G to the constraints. Raises OutsideDomain if this fails."""
         values = {p: self.number(x) for p, x in parameters.items()}
         t = self.number(t)
 
