@@ -1,1 +1,1 @@
-"""Models handed to other Python libraries."""
+"""Models as functions for other Python libraries."""

@@ -29,12 +29,12 @@ def missing(method: str, command: str, error: ImportError) -> StatementError:
 
 
 def entries(model: compiled.Model) -> list[str]:
-    """Return two lines of ASCII text, one with the names of the entries of y, and one with the names of p."""
+    """Return two lines of ASCII text with the names of the entries of y and of p, for comments in generated code."""
     state, parameters = model.layout.names(), [symbol.name for symbol in model.statement.parameters]
     return [f"{letter} = [{ascii(', '.join(names))[1:-1]}]" for letter, names in (("y", state), ("p", parameters))]
 
 
-SYMBOLS = ("SX", "MX")  # CasADi's kinds of symbols: scalars, and matrices
+SYMBOLS = ("SX", "MX")  # Kinds of symbols in CasADi: scalars, and matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class JaxFunction:
         return "<JaxFunction of (t, y, p)>"
 
     def __call__(self, t: Any, y: Any, p: Any) -> Any:
-        """Return the quantity at time t, state y and parameters p; NaN throughout if a mass matrix is singular."""
+        """Return the quantity at time t, state y and parameters p; all entries are NaN if a mass matrix is singular."""
         return self.function(t, y, p)
 
 
@@ -61,17 +61,20 @@ _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _FILL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
 _KEPT: dict[int, Any] = {}
-"""Compiled kernels by address. Numba's functions hold the address as a number, and may outlive the model."""
+"""Compiled kernels by address, which keeps them alive.
+
+Functions of Numba hold the address only as a number, and may outlive the model.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class NumbaFunction:
     """A quantity as functions that Numba's compiled functions can call; arrays are contiguous and of doubles.
 
-    `prepare(p)` takes the parameters (k,). It returns the array `prepared` of all values that depend on parameters
-    alone, and True if a matrix of such values is singular. `function(t, y, prepared)` returns the quantity as a new
-    array, NaN throughout where a mass matrix is singular. `fill(t, y, prepared, out)` writes the quantity to `out` and
-    returns True if a mass matrix is singular. It allocates no memory.
+    `prepare(p)` takes the parameters (k,) and returns the array `prepared`. It has all values that depend on parameters
+    alone; its last entry is nonzero if a matrix of such values is singular. `function(t, y, prepared)` returns the
+    quantity as a new array, with NaN in all entries if a mass matrix is singular. `fill(t, y, prepared, out)` writes
+    the quantity to `out` and returns True if a mass matrix is singular. It allocates no memory.
     """
 
     prepare: Callable[[FloatArray], FloatArray]
@@ -86,19 +89,19 @@ class Model(compiled.Model):
     """A system compiled for one machine. Kernels are compiled when they are first used.
 
     Coordinates and velocities are arrays (n,), or (n, batch) for many states at once. A state y is [q, v], (2n,) or
-    (2n, batch). Units are those of the statement. `parameters` is a dict by symbol or name; the others have the
-    statement's defaults. Every method raises StatementError for wrong shapes and for a missing or unknown parameter,
-    and RunError where the mass matrix is singular. The methods as_... return a quantity or the equations for other
-    libraries.
+    (2n, batch). Units are those of the statement. `parameters` is a dict by symbol or name; parameters without an entry
+    have the statement's defaults. Every method raises StatementError for wrong shapes and for a missing or unknown
+    parameter, and RunError where the mass matrix is singular. The methods as_... return a quantity or the equations for
+    other libraries.
     """
 
     def as_scipy(self, parameters: Parameters = None, events: Any = None, *, inputs: Any = None) -> ScipyProblem:
         """Return `fun(t, y)`, `jac(t, y)` and event functions for scipy.integrate.
 
-        `solve_ivp(**problem.arguments((0, 10), {theta: 2}, method="Radau"))` takes all of them. `events` are those of a
-        run, without resets. `parameters` are fixed. `inputs` are functions of time, such as {u: lambda t: np.sin(t)},
-        one for each name in `model.inputs`. Raises StatementError for invalid arguments; the functions raise
-        RunError where the mass matrix is singular.
+        `solve_ivp(**problem.arguments((0, 10), {theta: 2}, method="Radau"))` takes all of them. `events` are as for a
+        run, but without resets. `parameters` are fixed. `inputs` are functions of time, such as {u: lambda t:
+        np.sin(t)}, one for each name in `model.inputs`. Raises StatementError for invalid arguments; the functions
+        raise RunError where the mass matrix is singular.
         """
         self.statement.check_without_contacts("as_scipy()")
         declared = declare_events(events, self.statement, constant="as_scipy")
@@ -107,7 +110,7 @@ class Model(compiled.Model):
         return ScipyProblem(self, values, declared, functions)
 
     def as_numba(self, quantity: str = "rhs") -> NumbaFunction:
-        """Return a quantity for Numba's compiled functions: `prepare(p)`, `rhs(t, y, prepared)` and `fill`.
+        """Return a quantity as functions for Numba: `prepare(p)`, `function(t, y, prepared)` and `fill`.
 
         They call the machine code of this model. Raises StatementError without Numba, and on the numpy target.
         """
@@ -152,10 +155,10 @@ class Model(compiled.Model):
         return NumbaFunction(numba.njit(vector(vector))(prepare), compiled, made_fill)
 
     def as_jax(self, quantity: str = "rhs") -> JaxFunction:
-        """Return a quantity as a function of (t, y, p) that jax.jit, jax.grad and jax.vmap take, in double precision.
+        """Return a quantity as a function of (t, y, p) for jax.jit, jax.grad and jax.vmap, in double precision.
 
-        y has shape (2n,), p is `parameter_array()`, whose last entries are the inputs. The result is NaN throughout
-        where a mass matrix is singular. `.checked(t, y, p)` returns the result, and True if a mass matrix is singular.
+        y has shape (2n,), p is `parameter_array()`, whose last entries are the inputs. All entries of the result are
+        NaN if a mass matrix is singular. `.checked(t, y, p)` returns the result, and True if a mass matrix is singular.
         `.source` is the code. Raises StatementError without JAX, and where JAX computes in single precision.
         """
         self.statement.check_without_contacts("as_jax()")
@@ -176,9 +179,9 @@ class Model(compiled.Model):
     def as_casadi(self, quantity: str = "rhs", symbols: str = "SX", *, status: bool = False) -> Any:
         """Return a quantity as a casadi.Function of (t, y, p), made of "SX" or "MX" symbols.
 
-        y has 2n entries, p is `parameter_array()`, whose last entries are the inputs. The result is NaN throughout
-        where a mass matrix is singular. With `status` there is a second result, 1 where a mass matrix is singular and 0
-        elsewhere. Raises StatementError without CasADi.
+        y has 2n entries, p is `parameter_array()`, whose last entries are the inputs. All entries of the result are NaN
+        if a mass matrix is singular. If `status` is true, there is a second result, 1 if a mass matrix is singular and
+        else 0. Raises StatementError without CasADi.
         """
         self.statement.check_without_contacts("as_casadi()")
         program = self.interpreted(quantity).program
@@ -194,8 +197,8 @@ class Model(compiled.Model):
     def as_sympy(self, quantity: str = "rhs") -> SympyForm:
         """Return a quantity in plain SymPy symbols, with its common subexpressions, for SymPy's code printers.
 
-        Linear systems are eliminated in the order of the coordinates: where a pivot is zero, the formulas divide by
-        zero.
+        Linear systems are solved by elimination in the order of the coordinates. The formulas divide by zero at states
+        with a pivot of zero.
         """
         self.statement.check_without_contacts("as_sympy()")
         return sympy_form(self, quantity)

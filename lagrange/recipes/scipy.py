@@ -1,4 +1,4 @@
-"""A model for SciPy's solvers: functions of (t, y), their Jacobian, and events with attributes."""
+"""Export a model to SciPy's solvers: functions of (t, y), their Jacobian, and event functions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.run import time_span
 
 TAKE_JACOBIAN = ("Radau", "BDF", "LSODA")
-"""SciPy's methods that use a Jacobian; the others warn if they get one."""
+"""SciPy's methods that use a Jacobian; the others warn if an argument `jac` is passed."""
 
 
 Inputs = tuple[tuple[int, Callable[[float], Any]], ...]
@@ -32,7 +32,7 @@ Inputs = tuple[tuple[int, Callable[[float], Any]], ...]
 
 
 def input_functions(model: Model, table: Any) -> Inputs:
-    """Return the inputs as pairs of an index among the parameters and a function of time.
+    """Return the user's input functions, each as a pair (index among the parameters, function of time).
 
     `table` maps inputs, by symbol or name, to functions. Raises StatementError for a missing or unknown input.
     """
@@ -60,7 +60,7 @@ def input_functions(model: Model, table: Any) -> Inputs:
 
 
 def _check_arity(name: str, function: Callable[..., Any]) -> None:
-    """Raise StatementError for a function that cannot be called with one argument, the time."""
+    """Raise StatementError unless a function can be called with one argument, the time."""
     try:
         arguments = signature(function)
     except (TypeError, ValueError):  # C functions have no signature
@@ -133,14 +133,14 @@ class ScipyProblem:
         return ScipyProblem, (self.model, self.parameters, self.stated_events, self.inputs)
 
     def fun(self, t: float, y: Any) -> FloatArray:
-        """Return dy/dt, (2n,), or (2n, k) for columns of states. Raises RunError where the mass matrix is singular."""
+        """Return dy/dt, (2n,), or (2n, k) for columns of states. Raises RunError if a mass matrix is singular."""
         rates = None if self.inputs else self._quick["rhs"].whole(t, y)
         if rates is not None:
             return rates
         return self.model.called(self.model.kernel("rhs"), t, y, at_time(self.parameters, self.inputs, t))
 
     def jac(self, t: float, y: Any) -> FloatArray:
-        """Return the Jacobian of `fun` by y, (2n, 2n). Raises RunError where the mass matrix is singular."""
+        """Return the Jacobian of `fun` by y, (2n, 2n). Raises RunError if the mass matrix is singular."""
         jacobian = None if self.inputs else self._quick["jacobian"].whole(t, y)
         return self.model.jacobian(t, y, at_time(self.parameters, self.inputs, t)) if jacobian is None else jacobian
 
@@ -154,10 +154,10 @@ class ScipyProblem:
         return [ScipyEvent(self.model, event, self.parameters, self.inputs) for event in self.stated_events]
 
     def y0(self, initial: Mapping[Any, Any] | None = None, t: float = 0.0) -> FloatArray:
-        """Return an initial state (2n,) at time t: the stated state, overlaid with the values in `initial`.
+        """Return an initial state (2n,) at time t: the stated state, with the entries in `initial` replaced.
 
-        With constraints the state is projected onto them if it misses them by rounding. Raises StatementError if it
-        misses them by more. Velocities of coordinates without inertia are computed if they are zero.
+        If constraints are violated only by rounding, the state is projected onto them. Raises StatementError for a
+        larger violation. Velocities of coordinates without inertia are computed if they are zero.
         """
         statement, time = self.model.statement, real_number(t, "the time t")
         state = initial_state({} if initial is None else initial, statement.coordinates, statement.initial)
@@ -171,7 +171,7 @@ class ScipyProblem:
         method: str = "RK45",
         **options: Any,
     ) -> dict[str, Any]:
-        """Return the arguments of scipy.integrate.solve_ivp; `options` are those of SciPy, such as rtol and atol.
+        """Return the arguments of scipy.integrate.solve_ivp; `options` are further arguments, such as rtol and atol.
 
         The Jacobian is included for methods that need it. Raises StatementError for an invalid span or initial state.
         """

@@ -1,4 +1,4 @@
-"""A quantity of a model in plain SymPy symbols, with a symbol for each value that is used more than once."""
+"""Export a quantity of a model to plain SymPy symbols, with a symbol for each value that is used more than once."""
 
 from __future__ import annotations
 
@@ -32,7 +32,10 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
 """SymPy expression of each operation of a program."""
 
 MOST_DENOMINATOR = 64
-"""Largest denominator, a power of two, of a double that is written as a fraction; others become exact Floats."""
+"""Largest denominator, a power of two, of a double that is written as a fraction.
+
+Other doubles become exact Floats.
+"""
 
 DOUBLE_DIGITS = 17  # Decimal digits that determine every double
 
@@ -41,8 +44,8 @@ DOUBLE_DIGITS = 17  # Decimal digits that determine every double
 class SympyForm:
     """A quantity in plain symbols: time `t`, coordinates `q`, velocities `v`, named x and x_dot, and parameters `p`.
 
-    `replacements` are pairs (symbol, expression), as from sympy.cse. An expression may contain earlier symbols.
-    `results` are the entries of an array of `shape`, in C order.
+    `replacements` are pairs (symbol, expression), as from sympy.cse. An expression may contain symbols of earlier
+    pairs. `results` are the entries of an array of `shape`, in C order.
     """
 
     t: Any
@@ -75,7 +78,7 @@ class SympyForm:
 
 
 def sympy_form(model: Model, quantity: str) -> SympyForm:
-    """Return a quantity in plain symbols, with a symbol for each value that is used more than once."""
+    """Return a quantity of a model in plain symbols, with a symbol for each value that is used more than once."""
     program = model.interpreted(quantity).program
     parameters = model.statement.parameters
     t, *state = (sympy.Symbol(name, real=True) for name in ("t", *model.layout.names()))
@@ -104,7 +107,7 @@ class _Writer:
         self, program: Program, t: Any, state: Sequence[Any], parameters: Sequence[Any], symbols: Iterator[Any]
     ) -> None:
         self.program, self.symbols = program, symbols
-        self.given = {"time": (t,), "state": state, "parameter": parameters}
+        self.inputs = {"time": (t,), "state": state, "parameter": parameters}
         self.replacements: list[tuple[Any, Any]] = []
         self.uses = uses_of(program)
         self.values: dict[int, Any] = {}
@@ -117,7 +120,7 @@ class _Writer:
         return [self.values[ref] for ref in self.program.outputs]
 
     def named(self, expression: Any) -> Any:
-        """Return a new symbol that replaces an expression; a symbol or a number is returned as it is."""
+        """Return a new symbol that replaces an expression; return a symbol or a number unchanged."""
         if expression.is_Symbol or expression.is_number:
             return expression
         symbol = next(self.symbols)
@@ -127,8 +130,8 @@ class _Writer:
     def value(self, i: int, instruction: Instruction) -> Any:
         """Return the SymPy value of instruction number `i`: an expression, factors of a matrix, or a solution."""
         args = [self.values[arg] for arg in instruction.args]
-        if instruction.op in self.given:
-            return self.given[instruction.op][instruction.place]
+        if instruction.op in self.inputs:
+            return self.inputs[instruction.op][instruction.place]
         if instruction.op == "constant":
             return number(instruction.value)
         if instruction.op == "factor":
@@ -143,9 +146,9 @@ class _Writer:
         return self.named(expression) if self.uses[i] > 1 and instruction.op not in CONDITIONS else expression
 
     def factored(self, n: int, lower: Sequence[Any]) -> tuple[list[list[Any]], list[int]]:
-        """Return the factors L U of a symmetric matrix of order `n`, and an order of rows with nonzero pivots.
+        """Return the factors L and U of a symmetric matrix of order `n`, and an order of rows with nonzero pivots.
 
-        `lower` is its lower triangle, row by row. L, whose diagonal is one, and U share a matrix.
+        `lower` is the lower triangle of the matrix, row by row. L, whose diagonal is one, and U share a matrix.
         """
         a = [[lower[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(n)] for i in range(n)]
         order, symmetric = list(range(n)), True
