@@ -1,1 +1,1 @@
-"""Numerical data for pictures of dynamics: portraits, sections, bifurcations. Public functions: show/dynamics.py."""
+"""Numerical data for phase portraits, sections and bifurcation diagrams. Public functions: show/dynamics.py."""

@@ -1,4 +1,4 @@
-"""Axes of pictures in state space: the entry on each axis, its range, and coordinates that are angles."""
+"""Axes of pictures in state space: the entry and the range on each axis, and which coordinates are angles."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 
 MOST_VALUES = 4096
-"""Largest number of values on an axis: a map with this many on both axes takes 17 million runs."""
+"""Largest number of values on an axis: a map with 4096 on both axes takes 17 million runs."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of a picture: an entry of the state by name and row, and `count` values from `low` to `high`."""
+    """One axis of a picture: the `name` and `row` of an entry of the state, and `count` values from `low` to `high`."""
 
     name: str
     row: int
@@ -48,9 +48,9 @@ Plane = tuple[Axis, Axis]  # Horizontal axis and vertical axis
 
 
 def row_of(statement: Statement, key: Any, what: str) -> int:
-    """Return the index in the state of the entry `key`, a coordinate, a velocity or a name.
+    """Return the index in the state of the entry `key`: a coordinate, a velocity, or a name.
 
-    `what` names the user's argument in errors. Raises StatementError for anything else.
+    `what` is the user's argument in messages. Raises StatementError for any other key.
     """
     rows = state_rows(statement.coordinates)
     if isinstance(key, (str, sympy.Basic)) and key in rows:
@@ -62,7 +62,8 @@ def row_of(statement: Statement, key: Any, what: str) -> int:
 def plane_of(statement: Statement, table: Any, label: str, default_count: int) -> Plane:
     """Return the horizontal and the vertical axis from {entry: (low, high)} or {entry: (low, high, count)}.
 
-    `default_count` is the number of values of an axis without one. `label` names the argument in errors.
+    `default_count` replaces a missing count. `label` is the user's argument in messages. Raises StatementError unless
+    there are two different entries.
     """
     if not isinstance(table, Mapping):
         raise StatementError(f"{label} is {shown(table)}: give {_example(statement)}.")
@@ -80,8 +81,8 @@ def plane_of(statement: Statement, table: Any, label: str, default_count: int) -
 def axis_of(statement: Statement, entry: Any, span: Any, argument: str, default: int) -> Axis:
     """Return the axis of an entry of the state, from a span (low, high) or (low, high, count).
 
-    `default` is the number of values of a span without one. `argument` names the user's argument in errors. Raises
-    StatementError for an empty span.
+    `default` replaces a missing count. `argument` is the user's argument in messages. Raises StatementError for an
+    empty span.
     """
     row = row_of(statement, entry, argument)
     name = statement.state_names[row]
@@ -109,7 +110,7 @@ def angles(statement: Statement) -> tuple[bool, ...]:
     """Return for each coordinate True if it is an angle: a change by 2 pi leaves the Lagrangian and forces unchanged.
 
     An angle must also occur in a sine, cosine or tangent of the Lagrangian, a force or a position. So a coordinate on
-    which nothing depends, such as that of a free particle, is not an angle.
+    which nothing depends, such as the coordinate of a free particle, is not an angle.
     """
     form = PlainForm(statement)
     parts = [form.lagrangian, *form.forces, *(form.read(constraint.expression) for constraint in statement.constraints)]
@@ -129,13 +130,16 @@ def is_angle(statement: Statement, row: int) -> bool:
 
 
 def wrapped(values: FloatArray, low: float) -> FloatArray:
-    """Return angles shifted to between `low` and `low` + 2 pi. Values that are not finite become NaN."""
+    """Return angles shifted by full turns to between `low` and `low` + 2 pi. Values that are not finite become NaN."""
     with np.errstate(invalid="ignore"):
         return np.asarray(low + (values - low) % TURN)
 
 
 def difference(a: FloatArray, b: FloatArray, is_angle: tuple[bool, ...]) -> FloatArray:
-    """Return a - b of states (..., 2n); for the coordinates that are angles it is at most half a turn."""
+    """Return the difference a - b of states (..., 2n).
+
+    `is_angle` has True for coordinates that are angles; their differences are reduced to at most half a turn.
+    """
     result = a - b
     for i, whole in enumerate(is_angle):
         if whole:

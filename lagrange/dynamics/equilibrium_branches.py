@@ -1,4 +1,4 @@
-"""Branches of equilibria: each is followed along a parameter, with its eigenvalues and its stability.
+"""Follow equilibria along a parameter, with their eigenvalues and stability, for bifurcation diagrams.
 
 Formulas of equilibria are evaluated at every value. Equilibria without formulas are searched numerically at three
 values, the first, a middle one and the last, and followed from there.
@@ -24,7 +24,7 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
 SAME_EQUILIBRIUM = 1e-6
-"""Distance below which two equilibria are the same, relative to the larger of 1 and their size."""
+"""Distance below which two equilibria are the same, relative to 1 plus their size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +32,7 @@ class EquilibriumBranch:
     """An equilibrium along a parameter: `coordinates` (k, n) and `eigenvalues` (k, 2n), NaN where it does not exist.
 
     `values` (k,) are the values of the parameter, with additional values where a formula begins or ceases to hold.
-    `formula` has the coordinates as expressions; it is empty if they were found numerically. `stable` (k,) is 1 where
-    no eigenvalue has a positive real part, which is necessary for stability. It is 0 where one has, and NaN elsewhere.
+    `formula` maps coordinates to expressions; it is empty if the equilibrium was found numerically.
     """
 
     values: FloatArray
@@ -43,7 +42,10 @@ class EquilibriumBranch:
 
     @property
     def stable(self) -> FloatArray:
-        """Stability, (k,): 1 if no eigenvalue has a positive real part, 0 if one has, NaN without an equilibrium."""
+        """Stability, (k,): 1 if no eigenvalue has a positive real part, 0 if one has, NaN without an equilibrium.
+
+        The value 1 is necessary for stability, but not sufficient.
+        """
         size = np.abs(self.eigenvalues).max(axis=1)
         stability = (self.eigenvalues.real.max(axis=1) <= 1e-6 * size).astype(float)
         return np.where(np.isfinite(size), stability, np.nan)
@@ -51,7 +53,10 @@ class EquilibriumBranch:
 
 @dataclass(frozen=True, eq=False)
 class BranchesData:
-    """Branches of equilibria at values (k,) of a parameter. `axis` is the coordinate that the picture shows."""
+    """Branches of equilibria at `values` (k,) of a parameter, with status and message of the computation.
+
+    `axis` is the name of the coordinate that the picture shows.
+    """
 
     statement: Statement
     parameter: str
@@ -62,13 +67,16 @@ class BranchesData:
     message: str
 
 
-TIP = 12  # Number of values added beside a value at which a formula begins to hold
+TIP = 12  # Number of values added next to a value at which a formula begins to hold
 
 
 def equilibrium_branches(
     model: Model, parameter: str, values: FloatArray, progress: Report | None = None
 ) -> BranchesData:
-    """Return the branches of equilibria at values (k,) of a parameter. Raises StatementError if there are none."""
+    """Return the branches of equilibria at values (k,) of a parameter.
+
+    `progress` is called with the number of finished searches. Raises StatementError if there is no equilibrium.
+    """
     statement = model.statement
     symbol = next(p for p in statement.parameters if p.name == parameter)
     anchors = list(dict.fromkeys((0, len(values) // 2, len(values) - 1)))
@@ -112,12 +120,11 @@ def _add(
     along: tuple[str, FloatArray, int],
     turns: tuple[bool, ...],
 ) -> str:
-    """Follow an equilibrium along a parameter, and append its branch unless it is already there.
+    """Follow an equilibrium along a parameter, and append its branch to `branches` unless it is already there.
 
-    Returns the reason if there are no eigenvalues, as at a jump of a force, else "".
-
-    `along` has the name of the parameter, its values, and the index of the value at which the equilibrium was found. It
-    is followed from there in both directions. `turns` has True for each coordinate that is an angle.
+    Returns the reason if there are no eigenvalues, as at a jump of a force, else "". `along` has the name of the
+    parameter, its values, and the index of the value at which the equilibrium was found. From this value it is followed
+    in both directions. `turns` has True for each coordinate that is an angle.
     """
     refusal = ""
     statement, (parameter, values, anchor) = model.statement, along
@@ -155,10 +162,10 @@ def _add(
 
 
 def _with_ends(equilibrium: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:
-    """Return the values of a parameter, with more values where the equilibrium begins or ceases to exist.
+    """Return the values of a parameter, with more values near those where the equilibrium begins or ceases to exist.
 
-    A branch may begin with an infinite slope, as a square root does. So additional values are denser near the end of
-    the branch: their distances from it grow as squares.
+    A branch may begin with an infinite slope, as a square root does. So the distances of the additional values from the
+    end of the branch grow as squares.
     """
     chosen = next(p for p in statement.parameters if p.name == parameter)
 

@@ -1,7 +1,7 @@
-"""Equilibria of a motion in a plane (x, v), each with its kind, and the lines on which a function vanishes.
+"""Find and classify the equilibria of one coordinate, and trace the lines on which a function of (x, v) vanishes.
 
-The kind follows from the eigenvalues of the linear equations. Lines are contours on a grid, whose vertices are refined
-to rounding on their edges of the grid.
+The kind of an equilibrium follows from the eigenvalues of the linear equations. Lines are contours on a grid, whose
+vertices are refined to rounding on their edges of the grid.
 
 Source: S. H. Strogatz, Nonlinear Dynamics and Chaos, 2nd ed., 2015, sections 5.2 and 6.3.
 """
@@ -21,28 +21,35 @@ from lagrange.machine.model import Model
 from lagrange.mechanics.expansion import stated_point
 
 AXIS_POINTS = 4001
-"""Number of points on the axis at which the acceleration at rest is evaluated. Two zeros between two points may be
-missed."""
+"""Number of points on the axis at which the acceleration at rest is evaluated.
+
+Two zeros between neighbouring points may be missed.
+"""
 
 EIGENVALUE_NOISE = 1e-9
 """Largest real or imaginary part that counts as rounding noise, relative to the largest eigenvalue."""
 
 FLAT_SLOPE = 1e-6
-"""Slope of the acceleration below which an equilibrium is degenerate, relative to its largest value over the range."""
+"""Slope of the acceleration below which an equilibrium is degenerate.
+
+It is relative to the largest acceleration on the axis, divided by the length of the axis.
+"""
 
 FLAT_FORCE = 1e-10
-"""Minimum of the acceleration, relative to its largest value on the axis, that counts as a zero without a change of
-sign."""
+"""Largest minimum of abs(acceleration) that is a zero without change of sign.
+
+It is relative to the largest acceleration on the axis.
+"""
 
 SADDLE, CENTRE, LINEAR_CENTRE, DEGENERATE = "saddle", "centre", "linear centre", "degenerate"
 
 
 @dataclass(frozen=True, eq=False)
 class FixedPoint:
-    """An equilibrium: the state (2n,), its kind, and eigenvalues (2,) with their vectors, the columns of (2, 2).
+    """An equilibrium: the state (2n,), its kind, and two eigenvalues with eigenvectors, the columns of a matrix (2, 2).
 
     Kinds are "saddle", "centre", "stable spiral", "unstable spiral", "stable node", "unstable node", "linear centre"
-    and "degenerate". A degenerate equilibrium has an eigenvalue zero, or the forces have a corner or a jump there:
+    and "degenerate". A degenerate equilibrium has an eigenvalue zero, or the forces have a corner or a jump at it:
     linear equations do not decide its stability. A "linear centre" has imaginary eigenvalues in a system that does not
     conserve its energy: terms of higher order decide.
     """
@@ -61,9 +68,14 @@ class FixedPoint:
 
 
 def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) -> tuple[tuple[FixedPoint, ...], str]:
-    """Return the equilibria of one coordinate between `low` and `high`, and a note if they are not isolated."""
+    """Return the equilibria of one coordinate between `low` and `high`, and a note.
+
+    The note is "" unless the equilibria are not isolated.
+    """
     spacing = (high - low) / (AXIS_POINTS - 1)
-    x = np.linspace(low - spacing / 2, high + spacing / 2, AXIS_POINTS + 1)  # an equilibrium may be an end of the range
+    x = np.linspace(
+        low - spacing / 2, high + spacing / 2, AXIS_POINTS + 1
+    )  # the ends are inside: they may be equilibria
     a = _at_rest(model, parameters, x)
     finite = np.isfinite(a)
     largest = float(np.abs(a[finite]).max(initial=0.0))
@@ -79,9 +91,10 @@ def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) 
 
 
 def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: float = 0.0) -> FixedPoint:
-    """Return the equilibrium at `state` (2n,).
+    """Return the equilibrium at `state` (2n,) with its kind.
 
-    It is degenerate if the slope of the acceleration is at most `flat`, or if the forces are not linear near it.
+    The kind is degenerate if the slope of the acceleration is at most `flat`, or if the forces are not linear near the
+    state.
     """
     jacobian = model.jacobian(0.0, state, parameters)
     if not np.isfinite(jacobian).all() or not _is_linear(model, parameters, state):
@@ -128,7 +141,7 @@ def _at_rest(model: Model, parameters: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray) -> list[float]:
-    """Return where the acceleration a (k,) at the coordinates x (k,) changes its sign, to rounding, by bisection."""
+    """Return the coordinates where the acceleration a (k,) at x (k,) changes its sign, to rounding, by bisection."""
     exact = x[a == 0.0].tolist()
     at = np.nonzero(np.sign(a[:-1]) * np.sign(a[1:]) < 0)[0]
     low, high, sign = x[at], x[at + 1], a[at] > 0
@@ -146,8 +159,8 @@ def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArra
 def _touches(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray, largest: float) -> list[float]:
     """Return the coordinates where the acceleration touches zero without a change of sign.
 
-    `a` (k,) are the accelerations at the coordinates x (k,), and `largest` is the scale of forces that count as zero. A
-    search narrows the interval around each minimum of abs(a).
+    `a` (k,) are the accelerations at the coordinates x (k,), and `largest` is the largest of them. A search narrows the
+    interval around each minimum of abs(a).
     """
     size, sign = np.abs(a), np.sign(a)
     inner = np.nonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]) & (sign[:-2] * sign[2:] > 0))[0] + 1
@@ -164,15 +177,15 @@ def _touches(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray,
     return minima
 
 
-HALVINGS = 70  # Bisections of an edge: 52 bits of a double, and more for a crossing near zero
+HALVINGS = 70  # Number of bisections of an edge: 52 for the bits of a double, and more for a zero near x = 0
 PlaneFunction = Callable[[FloatArray, FloatArray], FloatArray]  # Values (k,) at points x (k,) and y (k,)
 
 
 def zero_lines(function: PlaneFunction, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
     """Return the lines (k, 2) on which a function vanishes, on the grid of equally spaced x (k,) and y (m,).
 
-    The last point of a closed line is its first. Every vertex is a zero of the function to rounding, on an edge of the
-    grid. Cells with a value that is not finite are left out. Changes of sign across a pole are left out, too.
+    The last point of a closed line equals its first. Every vertex is a zero of the function to rounding, on an edge of
+    the grid. Cells with a value that is not finite are left out, and changes of sign across a pole, too.
     """
     from contourpy import contour_generator  # installed with Matplotlib
 
@@ -190,7 +203,7 @@ def zero_lines(function: PlaneFunction, x: FloatArray, y: FloatArray) -> tuple[F
 def _refined(
     function: PlaneFunction, x: FloatArray, y: FloatArray, line: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the vertices (k, 2) of a contour line, moved to zeros of the function, and k flags, False at a pole.
+    """Return the vertices (k, 2) of a contour line, moved to zeros of the function, and a mask (k,), False at a pole.
 
     Each vertex is on an edge of the grid x, y, where the zero is found by bisection.
     """

@@ -1,9 +1,10 @@
-"""Orbits in a plane (x, v): runs forwards and backwards in time until they leave a window, close or come to rest.
+"""Compute orbits in a plane (x, v), and separatrices of saddles, for phase portraits.
 
-Separatrices are the orbits that leave a saddle, and those that come to it. Near a saddle s the motion along an
-eigenvector w is s + d w up to an error of the second order in d. The distance d is halved until the error of the start
-is below `LINEAR_ERROR` of the window. The component of the velocity along the other eigenvector gives an estimate of
-this error. Source: T. S. Parker, L. O. Chua, Practical Numerical Algorithms for Chaotic Systems, 1989, chapter 6.
+An orbit is run forwards and backwards in time until it leaves a window, closes or comes to rest. Separatrices are the
+orbits that begin or end at a saddle. Near a saddle s the motion along an eigenvector w is s + d w up to an error of the
+second order in d. The distance d is halved until the error of the start is below `LINEAR_ERROR` of the window. The
+component of the velocity along the other eigenvector gives an estimate of this error. Source: T. S. Parker, L. O. Chua,
+Practical Numerical Algorithms for Chaotic Systems, 1989, chapter 6.
 """
 
 from __future__ import annotations
@@ -26,27 +27,33 @@ from lagrange.trajectory.trajectory import FloatArray as States
 from lagrange.trajectory.trajectory import Status, Trajectory, run_until
 
 WINDOW_MARGIN = 0.02
-"""Distance outside of the window at which a run ends, as a fraction of its width. The end of the line is then out of
-sight."""
+"""Distance outside of the window at which a run ends, as a fraction of the window's width.
 
-PERIODS = 20  # Time for which an orbit is followed, in mean periods of small motions
+The end of the line is then not visible.
+"""
+
+PERIODS = 20  # Time for which an orbit is followed, in mean periods of small oscillations
 
 SAMPLES_PER_STEP = 32
-"""States in each step at which the return of an orbit and the arrival at an equilibrium are tested: a step of a Taylor
-series covers at most three periods."""
+"""Number of states in each step that are tested for the return of an orbit and the arrival at an equilibrium.
 
-CLOSED = 1e-6  # Distance from its start, as a part of the window, below which an orbit counts as closed
-ARRIVED = 5e-4  # Distance from an equilibrium, as a part of the window, at which an orbit ends there
+A step of a Taylor series covers at most three periods.
+"""
+
+CLOSED = 1e-6  # Distance from its start, as a fraction of the window, below which an orbit counts as closed
+ARRIVED = 5e-4  # Distance from an equilibrium, as a fraction of the window, at which an orbit ends
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneWindow:
-    """A rectangle in the plane of two entries of the state; `periodic` has True for coordinates that are angles."""
+    """A rectangle in the plane of two entries of the state.
+
+    `periodic` has True for coordinates that are angles. `reach` is the longest time for which an orbit is followed.
+    """
 
     plane: Plane
     periodic: tuple[bool, ...]
     reach: float
-    """Longest time for which an orbit is followed, in each direction of time."""
 
     def wraps(self, axis: Axis) -> bool:
         """Return True if the entry on an axis is an angle."""
@@ -63,9 +70,9 @@ class PlaneWindow:
         return np.array([axis.width for axis in self.plane])
 
     def exits(self, runs: Runs) -> list[Event]:
-        """Return events that end a run where it leaves the window. An axis with an angle has no event.
+        """Return the events that end a run of the model of `runs` where it leaves the window.
 
-        `runs` has the model whose runs have these events.
+        There is one event for each axis, and none for an angle.
         """
         statement = runs.model.statement
         entries = (*statement.coordinates, *(velocity_of(q) for q in statement.coordinates))
@@ -94,8 +101,8 @@ class PlaneWindow:
 class Orbit:
     """A run through the plane: increasing times (k,), states (k, 2n), and how the run ended.
 
-    `at(times)` gives states (j, 2n) in between. `closed` is true if the orbit returned to its start. Angles are not
-    wrapped.
+    `at(times)` interpolates states. `closed` is true if the orbit returned to its start. `parts` are the runs that make
+    up the orbit. Angles are not wrapped.
     """
 
     t: FloatArray
@@ -106,7 +113,7 @@ class Orbit:
     parts: tuple[Trajectory, ...]
 
     def at(self, times: FloatArray) -> FloatArray:
-        """Return the states at times (j,) within the orbit, (j, 2n)."""
+        """Return the states (j, 2n) at times (j,) within the orbit, from the dense output of its runs."""
         chosen = np.clip(np.asarray(times, dtype=float), self.t[0], self.t[-1])
         states = np.empty((len(chosen), self.states.shape[1]))
         for part in self.parts:
@@ -127,8 +134,8 @@ def orbit(
 ) -> Orbit:
     """Return the orbit from the state `start` at the time `begin` to the first event of `exits`.
 
-    Without an event it lasts `window.reach`. With `both_ways` it ends at its first return to its start. If it does
-    not return, it is followed backwards in time, too.
+    Without an event it lasts `window.reach`. If `both_ways` is true, the orbit ends at its first return to its start,
+    or is also followed backwards in time if it does not return.
     """
     forwards = runs(start, begin, begin + window.reach, events=exits)
     forwards, closed = _closed(window, forwards) if both_ways else (forwards, False)
@@ -141,7 +148,7 @@ def orbit(
 def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
     """Return the orbit that joins the runs `parts`, ordered in time.
 
-    Its status and message are those of the first incomplete run, or of the last run if all are complete.
+    Its status and message come from the first incomplete run, or from the last run if all are complete.
     """
     ways = [1 if part.span[1] >= part.span[0] else -1 for part in parts]
     ordered = [(part.t[::way], part.y.T[::way]) for part, way in zip(parts, ways, strict=True)]
@@ -152,7 +159,7 @@ def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
 
 
 def sampled(run: Trajectory, per_step: int = SAMPLES_PER_STEP) -> tuple[FloatArray, FloatArray]:
-    """Return times (k,) in the order of a run, `per_step` for each of its steps, and the states (k, 2n) there."""
+    """Return times (k,), `per_step` for each step of a run and in its direction, and the states (k, 2n) at them."""
     if len(run.t) < 2:
         return run.t, run.y.T
     times = divided(run.t, per_step)
@@ -160,7 +167,7 @@ def sampled(run: Trajectory, per_step: int = SAMPLES_PER_STEP) -> tuple[FloatArr
 
 
 def cut(run: Trajectory, end: float) -> Trajectory:
-    """Return a run that ends at the time `end`; its last state is the one at that time."""
+    """Return the part of a run up to the time `end`, with the state at this time as its last state."""
     if not (min(run.span) < end < max(run.span)):
         return run
     short = run_until(run, end)
@@ -169,7 +176,7 @@ def cut(run: Trajectory, end: float) -> Trajectory:
 
 
 def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
-    """Return a run, cut at its first return to its start, and True; without a return the whole run and False."""
+    """Return (run cut at its first return to its start, True), or (whole run, False) if it does not return."""
     times, states = sampled(run)
     if len(times) < 3:
         return run, False
@@ -197,7 +204,7 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
 
 
 def until_arrival(window: PlaneWindow, run: Trajectory, equilibria: Sequence[FixedPoint]) -> Trajectory:
-    """Return a run, cut at its first arrival at one of the equilibria, or unchanged without an arrival."""
+    """Return the part of a run up to its first arrival at one of the equilibria, or the whole run."""
     times, states = sampled(run)
     best = math.inf
     end = run.span[1]
@@ -216,22 +223,21 @@ def until_arrival(window: PlaneWindow, run: Trajectory, equilibria: Sequence[Fix
 
 
 LINEAR_ERROR = 1e-10
-"""Largest distance of a start from the separatrix, as a part of the window.
+"""Largest distance of a start from the separatrix, as a fraction of the window.
 
-Rounding of the saddle itself is 1e-16 and grows along the motion: a smaller limit has no effect.
+Rounding of the saddle itself is 1e-16 and grows along the motion, so a smaller limit has no effect.
 """
 
 FIRST_DISTANCE, LEAST_DISTANCE = 1e-2, 1e-7
-"""First and least distance of a start from the saddle, as parts of the window."""
+"""First and least distance of a start from the saddle, as fractions of the window."""
 
 
 @dataclass(frozen=True, eq=False)
 class Separatrix:
-    """A branch of the stable or the unstable manifold of a saddle: an orbit that begins, or ends, close to it.
+    """A branch of the stable or the unstable manifold of a saddle: an orbit with one end close to the saddle.
 
     `saddle` is the index of the saddle among the fixed points. `stable` is true if the motion approaches the saddle
-    with increasing time. `distance` is the distance between the saddle and the nearest end of the orbit, in units of
-    the state.
+    with increasing time. `distance` is the distance between the saddle and this end, in units of the state.
     """
 
     saddle: int
@@ -243,9 +249,10 @@ class Separatrix:
 def separatrices_of(
     runs: Runs, window: PlaneWindow, equilibria: Sequence[FixedPoint], number: int, exits: Sequence[Event]
 ) -> list[Separatrix]:
-    """Return the four branches of the saddle `equilibria[number]`; none if it is not a saddle, or out of the window.
+    """Return the four branches of the saddle `equilibria[number]`.
 
-    A branch ends at an event of `exits`, at an equilibrium, or after the longest time.
+    The list is empty if the equilibrium is not a saddle, or outside of the window. A branch ends at an event of
+    `exits`, at an equilibrium, or after the longest time.
     """
     saddle = equilibria[number]
     if saddle.kind != SADDLE or not window.holds(saddle.state):
@@ -261,7 +268,7 @@ def separatrices_of(
             part = FIRST_DISTANCE
             while part > LEAST_DISTANCE:
                 aside = inverse @ runs.model.rhs(0.0, saddle.state + part * side * vector, runs.parameters)
-                # The term of order d**2 along the other eigenvector grows at twice the rate:
+                # The deviation `off` along the other eigenvector is of order d**2 and grows at twice the rate, so that
                 # aside = (2 rate - other rate) off.
                 off = abs(aside[1 - column]) / abs(2 * rates[column] - rates[1 - column])
                 size = off * np.linalg.norm(saddle.eigenvectors.real[:, 1 - column] / window.widths)

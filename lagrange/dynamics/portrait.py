@@ -1,4 +1,4 @@
-"""Phase portraits: the field on a plane of state space, its nullclines, equilibria, separatrices, and orbits."""
+"""Compute a phase portrait: vector field on a plane of state space, nullclines, equilibria, separatrices, orbits."""
 
 from __future__ import annotations
 
@@ -24,25 +24,34 @@ from lagrange.trajectory.constraints.consistent import with_rates
 from lagrange.trajectory.trajectory import Status
 
 FIELD = 25  # Number of arrows of the field along each axis
-NULLCLINE_CELLS = 240  # Cells along each axis for the nullclines: their lines are then exact within a pixel
+NULLCLINE_CELLS = 240  # Number of cells along each axis for the nullclines, whose lines are then exact within a pixel
 
 CELLS = 22
-"""Cells along each axis for orbits: one begins in each cell that no orbit has crossed, from the middle outwards."""
+"""Number of cells along each axis for the choice of orbits.
+
+An orbit begins in each cell that no orbit has crossed, from the middle of the window outwards.
+"""
 
 MOST_ORBITS, MOST_PROJECTED = 60, 8
-"""Largest number of orbits if the user gives no starts, in a full plane and in a slice, where orbits may cross."""
+"""Largest numbers of orbits if the user gives no starts: in a full plane, and in a slice, where orbits may cross."""
 
 FEW_PERIODS = 2
-"""Time for which orbits of a slice are followed, forwards only, in mean periods of small motions."""
+"""Time for which orbits of a slice are followed, in mean periods of small oscillations.
 
-SAMPLES_PER_CELL = 64  # States in each step for marking the cells that an orbit crosses
-SAME_PLACE = 1e-9  # Distance below which two equilibria are the same, as a part of the window
+They are followed forwards only.
+"""
+
+SAMPLES_PER_CELL = 64  # Number of states in each step that mark the cells that an orbit crosses
+SAME_PLACE = 1e-9  # Distance below which two equilibria are the same, as a fraction of the window
 
 START_DISPLACEMENT = np.array([0.1, 0.0])
-"""Displacement in (x, v) from an equilibrium, for the start of the motion that sets the default window."""
+"""Displacement in (x, v) of a start at an equilibrium, for the motion that sets the default window."""
 
 MOST_RESTS = 16
-"""Largest number of sign changes of the force between -1000 and 1000 for which equilibria set the default window."""
+"""Largest number of equilibria that set the default window.
+
+They are sign changes of the force between -1000 and 1000. If there are more, none is used.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +88,11 @@ class PortraitData:
 
 
 class _Portrait:
-    """Computes the parts of a phase portrait on one plane; `base` (2n,) has the values of the entries off the axes."""
+    """Computes the parts of a phase portrait on one plane.
+
+    `base` (2n,) has the values of the entries off the axes. `time` is the time of the field, and `reach` the longest
+    duration of an orbit, or None for the default.
+    """
 
     def __init__(self, runs: Runs, plane: Plane, base: FloatArray, time: float, reach: float | None) -> None:
         model = runs.model
@@ -105,7 +118,7 @@ class _Portrait:
         try:
             slopes = self._slopes(states)
         except RunError:
-            # At some point the mass matrix is singular: the others are evaluated one by one.
+            # The mass matrix is singular at some point, so the points are evaluated one by one.
             slopes = np.full_like(states, np.nan)
             for k, column in enumerate(states.T):
                 with suppress(RunError):
@@ -113,12 +126,12 @@ class _Portrait:
         return slopes[[self.plane[0].row, self.plane[1].row]]
 
     def _slopes(self, states: FloatArray) -> FloatArray:
-        """Return dy/dt (2n, k) at states (2n, k). Velocities of coordinates without inertia are computed first."""
+        """Return dy/dt (2n, k) at states (2n, k). Velocities without inertia are recomputed from the other entries."""
         followed = with_rates(self.runs.model, self.time, states, self.runs.parameters)
         return self.runs.model.rhs(self.time, followed, self.runs.parameters)
 
     def field(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the grid of arrows, x (k,) and y (m,), and the time derivatives of the two entries, (m, k) each."""
+        """Return the grid of arrows, x (k,) and y (m,), and the time derivatives of both entries on it, (m, k) each."""
         x, y = (np.linspace(axis.low, axis.high, 2 * axis.count + 1)[1::2] for axis in self.plane)
         columns, rows = np.meshgrid(x, y)
         u, v = self.rates(columns.ravel(), rows.ravel())
@@ -127,7 +140,7 @@ class _Portrait:
     def nullclines(self) -> dict[str, tuple[FloatArray, ...]]:
         """Return the lines (j, 2) on which the time derivative of an entry on an axis is zero, by name of the entry.
 
-        The grid extends half a cell beyond the window, to find those on its border.
+        The grid extends half a cell beyond the window, to include lines on its border.
         """
         halves = (axis.width / NULLCLINE_CELLS / 2 for axis in self.plane)
         x, y = (
@@ -199,10 +212,11 @@ def portrait(
             f"are {listing(names[row] for row in free)}: give a window of these two."
         )
     work = _Portrait(runs, plane, base, time, reach)
-    return _made(work, fixed, starts, progress)
+    return _computed(work, fixed, starts, progress)
 
 
-def _made(work: _Portrait, fixed: Mapping[int, float], starts: Any, progress: Report | None) -> PortraitData:
+def _computed(work: _Portrait, fixed: Mapping[int, float], starts: Any, progress: Report | None) -> PortraitData:
+    """Return all parts of a portrait; `fixed` has the values of entries off the axes, by index in the state."""
     runs, plane, names = work.runs, work.plane, work.runs.model.statement.state_names
     single = work.alone and len(names) == 2
     equilibria, note = fixed_points(runs.model, runs.parameters, plane[0].low, plane[0].high) if single else ((), "")
@@ -253,7 +267,7 @@ def _unvisited(
 ) -> Iterator[FloatArray]:
     """Yield initial states of orbits that fill the plane: the middle of each cell that is still empty.
 
-    A cell is empty if no orbit, and none of `branches`, has crossed it or a neighbouring cell. The caller appends the
+    A cell is empty if no orbit or branch in `branches` has crossed it or a neighbouring cell. The caller appends the
     orbit through each state to `orbits`. `progress` is called with the number of cells that are not empty.
     """
     visited = np.zeros((CELLS + 2, CELLS + 2), dtype=bool)
@@ -281,7 +295,7 @@ def _mark(work: _Portrait, taken: FloatArray, orbit: Orbit) -> None:
 
 
 def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the row and the column, (k,) each, of the cell in which each of the states (k, 2n) is.
+    """Return the rows (k,) and the columns (k,) of the cells that contain the states (k, 2n).
 
     Cells of the window have the numbers 1 to CELLS. A state outside of the window has the number 0 or CELLS + 1.
     """
@@ -298,9 +312,10 @@ def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]
 def _ended(
     work: _Portrait, orbits: Sequence[Orbit], begun_count: int, note: str, *, interrupted: bool
 ) -> tuple[Status, str]:
-    """Return the status of a portrait, and a message on orbits that ended early, to which `note` is added.
+    """Return the status and the message of a portrait.
 
-    `orbits` are the orbits that were kept, and `begun_count` is the number of orbits that were to be run.
+    The message names orbits that ended early, and contains `note`. `orbits` are the orbits that were kept, and
+    `begun_count` is the number of orbits that were to be run.
     """
     statement = work.runs.model.statement
     interrupted = interrupted or any(orbit.status is Status.INTERRUPTED for orbit in orbits)
@@ -324,10 +339,10 @@ def _ended(
 
 
 def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dict[int, float]:
-    """Return the fixed values in `at`, a dict from entries of the state, by index in the state.
+    """Return the fixed values that `at` maps entries of the state to, by index in the state.
 
-    Raises StatementError unless two entries of the state remain for the axes. Also raises it if `window`, the ranges
-    of the axes, is None for a system that has no default.
+    `window` are the ranges of the axes, or None. Raises StatementError unless two entries of the state remain for the
+    axes, and if there is no default window.
     """
     statement = model.statement
     fixed = {}
@@ -383,8 +398,8 @@ def _too_many(model: Model, left: int) -> str:
 def default_plane(runs: Runs, base: FloatArray) -> Plane:
     """Return a window for a system with one coordinate: it contains the equilibria and the motions between them.
 
-    For an angle it is a full turn. For another coordinate it is the range of the equilibria and of the motion from the
-    initial state, enlarged at both ends. If the initial state is an equilibrium, the motion begins beside it.
+    An angle has the range of a full turn. Another coordinate has the range of the equilibria and of the motion from the
+    initial state, enlarged at both ends. If the initial state is an equilibrium, the motion begins next to it.
     """
     model = runs.model
     (name,) = model.statement.names
@@ -418,10 +433,10 @@ def _extent(runs: Runs, base: FloatArray, scale: float) -> tuple[float, float]:
     starts = [base]
     if abs(float(model.accelerations(base[:1], base[1:], 0.0, runs.parameters)[0])) < 1e-9 and not base[1]:
         starts = [base + START_DISPLACEMENT, base - START_DISPLACEMENT]
-    # A driven motion settles away from its start, so it is run for longer.
+    # A driven motion may move far from its start before it settles, so it is run for longer.
     longest = (30 if depends_on_time(model.statement) else 3) * scale
     passed = [runs(begin, 0.0, longest).y[0] for begin in starts]
     among = np.concatenate([rests, *(x[np.isfinite(x)] for x in passed)])
     low, high = float(among.min()), float(among.max())
-    room = 0.3 * (high - low) or 1.0
-    return low - room, high + room
+    margin = 0.3 * (high - low) or 1.0
+    return low - margin, high + margin

@@ -1,4 +1,4 @@
-"""Many runs of one model with the same options: starts as users give them, progress, and the period of a driving."""
+"""Run one model from many starts with the same options; read the user's starts; find the period of a driving."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MOST_STARTS = 1_000_000  # Largest number of starts in a list or an array
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """A model with parameters (k,) and run options; calling it runs the model from a state."""
+    """A model with parameters (k,) and run options; a call runs the model from a state."""
 
     model: Model
     parameters: FloatArray
@@ -44,7 +44,7 @@ class Runs:
     ) -> Trajectory:
         """Return the run from a state (2n,) at t0 to t1. With `t_eval` (k,) only the states at these times are kept.
 
-        `events` replace the events in the options of the runs.
+        `events` replace the events in `options`, unless None.
         """
         options, statement = self.options, self.model.statement
         values = dict(zip(statement.parameters, self.parameters.tolist(), strict=True))
@@ -55,9 +55,9 @@ class Runs:
 
 
 def starts_of(model: Model, starts: Any, base: FloatArray) -> FloatArray:
-    """Return initial states (m, 2n) from `starts`: an array, a dict, or a list of dicts or rows.
+    """Return initial states (m, 2n) from the user's `starts`: an array, a dict, or a list of dicts or rows.
 
-    A dict replaces entries of the state `base` (2n,). Without `starts` it is the only initial state. Raises
+    A dict replaces entries of the state `base` (2n,). If `starts` is None, `base` is the only initial state. Raises
     StatementError for an invalid start; the message gives its index.
     """
     size = model.layout.size
@@ -114,7 +114,7 @@ def initial_of(model: Model, overlay: Mapping[Any, Any] | None) -> FloatArray:
 
 
 def time_scale(model: Model, states: FloatArray, parameters: FloatArray, fallback: float) -> float:
-    """Return a typical period of small motions about states (m, 2n), or `fallback` if all eigenvalues are zero.
+    """Return a typical period of small oscillations about states (m, 2n), or `fallback` if all eigenvalues are zero.
 
     Each nonzero eigenvalue at a state gives a period 2 pi/|eigenvalue|. The period of the state is their geometric
     mean. The result is the median over the states.
@@ -134,7 +134,7 @@ def time_scale(model: Model, states: FloatArray, parameters: FloatArray, fallbac
 
 
 MOST_MULTIPLE = 64
-"""Largest numerator and denominator of the ratio of two frequencies that count as commensurate."""
+"""Largest numerator and denominator of a ratio of frequencies that have a common period."""
 
 
 def depends_on_time(statement: Statement) -> bool:
@@ -150,7 +150,10 @@ def _parts(statement: Statement) -> list[Any]:
 
 @lru_cache(maxsize=64)
 def _rates(statement: Statement) -> tuple[Any, ...]:
-    """Return the angular frequencies of all sines and cosines of time. Raises StatementError if time is elsewhere."""
+    """Return the angular frequencies of all sines and cosines of time in a statement.
+
+    Raises StatementError if time occurs outside of sines and cosines.
+    """
     parts = _parts(statement)
     waves = sorted(
         {

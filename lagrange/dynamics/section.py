@@ -1,4 +1,4 @@
-"""Poincare sections: the states of many orbits where an event happens, or after each period of a driving.
+"""Compute Poincare sections: the states of orbits at each crossing of a surface, or after each period of a driving.
 
 Source: E. Ott, Chaos in Dynamical Systems, 2nd ed., 2002, section 1.3.
 """
@@ -26,10 +26,10 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status, Trajectory
 
 CROSSINGS_PER_RUN = 2000
-"""Crossings after which an orbit continues in a new run, which bounds the memory for its steps."""
+"""Number of crossings after which an orbit continues in a new run, to bound the memory for its steps."""
 
-PERIODS_PER_CROSSING = 2.0  # Length of the first run of an orbit: mean periods of small motions per crossing
-LONGEST_WAIT = 200  # Longest wait for a crossing, in mean periods of small motions; then the orbit ends
+PERIODS_PER_CROSSING = 2.0  # Length of the first run of an orbit per crossing, in mean periods of small oscillations
+LONGEST_WAIT = 200  # Longest time without a crossing, in mean periods of small oscillations; then the orbit ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,11 @@ class Crossings:
 
 
 class Crosser:
-    """Follows orbits to a fixed number of crossings of one section: an event, or the multiples of a period."""
+    """Follows orbits up to a number of crossings of a section: `count` zeros of an event, or multiples of a period.
+
+    `passed` is the event or the period. `states` (m, 2n) are starts, which set the time scale. `longest` is the longest
+    time without a crossing, or None for the default.
+    """
 
     def __init__(
         self, runs: Runs, passed: Event | float, count: int, states: FloatArray, longest: float | None = None
@@ -82,7 +86,7 @@ class Crosser:
             leg = max(self.wait / 2, 1.2 * left * (begin - first) / passed) if passed else self.wait
 
     def _end(self, run: Trajectory, missing_count: int, last_crossing: float) -> tuple[Status, str]:
-        """Return the status and the message of an orbit after its last run, which lacks `missing_count` crossings."""
+        """Return the status and the message of an orbit that lacks `missing_count` crossings after its last run."""
         if missing_count == 0:
             return Status.EVENT, "all crossings were found."
         if run.status.complete:
@@ -96,7 +100,7 @@ class Crosser:
 def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> list[Crossings]:
     """Return the crossings of the orbits that start from states (m, 2n).
 
-    After Ctrl-C the list ends with an interrupted orbit, whose status is INTERRUPTED.
+    After Ctrl-C the list ends with the interrupted orbit, whose status is INTERRUPTED.
     """
     finished: list[Crossings] = []
     try:
@@ -112,21 +116,27 @@ def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> lis
 
 
 ENERGY_CORRECTIONS = 30
-"""Steps of Newton's method after the roots of a quadratic energy. One removes rounding errors; the others are for
-energies that are not quadratic in the velocity, such as that of a relativistic particle."""
+"""Number of Newton steps after the roots of a quadratic energy.
+
+One step removes rounding errors. The others are for an energy that is not quadratic in the velocity, such as the energy
+of a relativistic particle.
+"""
 
 PROBES = (1.0, 1e-3, 1e-6)
-"""Velocities at which the coefficients of a quadratic energy are computed. The first one is used at which the energy
-has a value."""
+"""Velocities at which the coefficients of a quadratic energy are computed.
 
-ENERGY_ERROR = 1e-10  # Largest accepted error of the energy, relative to its size and that of its terms
+The first one is used at which the energy has a value.
+"""
+
+ENERGY_ERROR = 1e-10  # Largest accepted error of the energy, relative to the energy and to its value at zero velocity
 
 
 @dataclass(frozen=True, eq=False)
 class EnergyLevel:
     """The states of a model with the energy `energy`, which determines the velocity in row `row` of the state.
 
-    For most systems the energy is a quadratic function of this velocity. `parameters` (k,) are those of the model.
+    For most systems the energy is a quadratic function of this velocity. `parameters` (k,) are the parameters of the
+    model.
     """
 
     model: Model
@@ -135,7 +145,7 @@ class EnergyLevel:
     energy: float
 
     def margin(self, states: FloatArray) -> FloatArray:
-        """Return a discriminant (k,) at states (2n, k): positive where two velocities give `energy`.
+        """Return a discriminant (k,) at states (2n, k): positive where two velocities give the energy.
 
         The velocity v in row `row` enters the energy as a v^2 + b v + c. The discriminant is b^2 - 4 a (c - `energy`).
         """
@@ -143,7 +153,10 @@ class EnergyLevel:
         return np.asarray(b * b - 4 * a * (c - self.energy))
 
     def _quadratic(self, states: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return a, b and c, (k,) each: the energy at states (2n, k) is a v^2 + b v + c, NaN where it has no value."""
+        """Return a, b and c, (k,) each, of the energy a v^2 + b v + c at states (2n, k).
+
+        They are NaN where the energy has no value.
+        """
         middle = self._energy(states, 0.0)
         a = b = np.full_like(middle, np.nan)
         for probe in PROBES:
@@ -164,7 +177,7 @@ class EnergyLevel:
         """Return the starts (m, 2n) with the velocity replaced, so that each has the energy.
 
         Two velocities are possible. The one that crosses the event in its direction is chosen, else the larger one.
-        Raises StatementError for a start whose other entries already have more energy.
+        Raises StatementError if a start has more energy even without this velocity.
         """
         states, row = np.ascontiguousarray(starts.T), self.row
         a, b, c = self._quadratic(states)
@@ -193,7 +206,7 @@ class EnergyLevel:
         return np.ascontiguousarray(np.where((rates[0] > 0) | (rates[1] <= 0), larger, smaller).T)
 
     def _corrected(self, states: FloatArray, v: FloatArray) -> FloatArray:
-        """Return states (2n, m) with the energy, whose velocity is corrected, starting from `v` (m,).
+        """Return states (2n, m) with the energy, by Newton's method from the velocities `v` (m,).
 
         Raises StatementError if no such velocity is found.
         """
@@ -219,13 +232,15 @@ class EnergyLevel:
 
 
 MOST_SECTION_POINTS = 100_000_000
-"""Largest number of points of an orbit: a driven system takes minutes for them."""
+"""Largest number of points of an orbit, for which a driven system takes minutes."""
 
-BORDER_CELLS = 200  # Cells along each axis for the border of a section
+BORDER_CELLS = 200  # Number of cells along each axis for the border of a section
 
-BORDER_ROOMS = (0.5, 1.5, 4.0, 10.0, 25.0)
-"""Margins around the points, as fractions of their extent, in which the border is searched in turn until it closes. An
-open border is left out."""
+BORDER_MARGINS = (0.5, 1.5, 4.0, 10.0, 25.0)
+"""Margins around the points, as fractions of their extent, in which the border is searched until it is a closed line.
+
+An open border is left out.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +278,10 @@ class SectionData:
 
 
 def section_of(definition: Any, model: Model, parameters: FloatArray) -> Event | float:
-    """Return the event of a section, or its sampling period for a number or an expression in parameters."""
+    """Return the event of a section, or its period.
+
+    The result is a period if the user's `definition` is a number or an expression in parameters.
+    """
     if isinstance(definition, Event):
         return declare_events([definition], model.statement, constant="a section")[0]
     constant = isinstance(definition, sympy.Expr) and not expression(definition, "the section").has(time_symbol)
@@ -306,7 +324,7 @@ def section(
     level = _level(runs, energy, solve_for)
     if level is not None:
         states = level.reached(states, event)
-    check_room((len(states), count + dropped, model.layout.size))
+    check_memory((len(states), count + dropped, model.layout.size))
     cross = Crosser(runs, passed, count + dropped, states, wait)
     orbits = [
         replace(orbit, times=orbit.times[dropped:], states=orbit.states[dropped:])
@@ -333,17 +351,17 @@ def section(
 
 
 def point_counts(points: Any, skip: Any, label: str, smallest: int) -> tuple[int, int]:
-    """Return (`points`, `skip`), the numbers of points to keep on each orbit and to skip before them.
+    """Return (`points`, `skip`): the numbers of points to keep and to skip on each orbit.
 
-    Raises StatementError unless both are integers in the allowed range; `smallest` is the least number to keep.
-    `label` names `points` in errors.
+    Raises StatementError unless both are integers in the allowed range; `smallest` is the least number to keep. `label`
+    is the argument `points` in messages.
     """
     return whole_number(points, label, smallest, MOST_SECTION_POINTS), whole_number(
         skip, "skip", 0, MOST_SECTION_POINTS
     )
 
 
-def check_room(shape: Sequence[int]) -> None:
+def check_memory(shape: Sequence[int]) -> None:
     """Raise StatementError if states of this shape (..., points, 2n) would take too much memory."""
     if math.prod(shape) > MOST_NUMBERS:
         raise StatementError(
@@ -354,7 +372,7 @@ def check_room(shape: Sequence[int]) -> None:
 
 
 def _level(runs: Runs, energy: Any, solve_for: Any) -> EnergyLevel | None:
-    """Return the energy of the starts, with the velocity `solve_for` that follows from it, or None without one."""
+    """Return the energy of all starts, with the velocity `solve_for` that it determines; None without an energy."""
     model = runs.model
     if energy is None and solve_for is None:
         return None
@@ -370,7 +388,7 @@ def _level(runs: Runs, energy: Any, solve_for: Any) -> EnergyLevel | None:
 
 
 def drawn_axes(statement: Statement, event: Event | None) -> tuple[str, str]:
-    """Return the entries of the state to draw: a coordinate that does not occur in the event, and its velocity."""
+    """Return the names of the entries to draw: a coordinate that does not occur in the event, and its velocity."""
     names = statement.names
     plain = None if event is None else event.expression.xreplace(dict(statement.plain))
     among = set() if plain is None else {symbol.name for symbol in plain.free_symbols}
@@ -385,8 +403,8 @@ def _border(
     """Return the border lines (j, 2), in the plane of `axes`, of the region that the energy allows.
 
     There are lines only if the energy is prescribed, the state has four entries, and the velocity that follows from the
-    energy is not one of the axes. `start` has the entries that are not drawn. The points of the orbits `orbits`
-    determine where the border is searched.
+    energy is not one of the axes. `start` has the entries that are not drawn. The border is searched around the points
+    of `orbits`.
     """
     if level is None or len(start) != 4:
         return ()
@@ -401,8 +419,8 @@ def _border(
         states[columns[0]], states[columns[1]] = a, b
         return level.margin(states)
 
-    for room in BORDER_ROOMS:
-        beyond = room * (high - low) + 1e-12
+    for margin in BORDER_MARGINS:
+        beyond = margin * (high - low) + 1e-12
         x, y = (np.linspace(a - r, b + r, BORDER_CELLS) for a, b, r in zip(low, high, beyond, strict=True))
         closed = tuple(line for line in zero_lines(inside, x, y) if (line[0] == line[-1]).all())
         if closed:
@@ -425,7 +443,7 @@ def _drift(runs: Runs, states: FloatArray, orbits: Sequence[Crossings]) -> float
 
 
 def _ended(orbits: Sequence[Crossings], count: int, event: Event | None, statement: Statement) -> tuple[Status, str]:
-    """Return the status of a section of `count` orbits, and a message."""
+    """Return the status and the message of a section of `count` orbits."""
     total = sum(len(orbit.times) for orbit in orbits)
     noun = "point" if event is None else "crossing"
     if len(orbits) < count or any(orbit.status is Status.INTERRUPTED for orbit in orbits):
@@ -449,5 +467,5 @@ def _ended(orbits: Sequence[Crossings], count: int, event: Event | None, stateme
 
 
 def surface(event: Event, statement: Statement) -> str:
-    """Return the equation of the section at which an event happens, as text; a long expression is cut."""
+    """Return the equation of the section of an event, as text; a long expression is truncated."""
     return f"{statement.quote(event.expression, 60)} = 0"

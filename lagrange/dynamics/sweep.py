@@ -1,4 +1,4 @@
-"""Bifurcation diagrams: settled motions on a section, for each value of a parameter.
+"""Compute bifurcation diagrams: settled motions on a section, for each value of a parameter.
 
 Source: S. H. Strogatz, Nonlinear Dynamics and Chaos, 2nd ed., 2015, section 10.2.
 """
@@ -13,7 +13,7 @@ import numpy as np
 
 from lagrange.dynamics.axes import MOST_VALUES, angles, difference
 from lagrange.dynamics.runs import Report, Runs, depends_on_time, driving_period, initial_of, starts_of, time_scale
-from lagrange.dynamics.section import Crosser, Crossings, check_room, drawn_axes, section_of
+from lagrange.dynamics.section import Crosser, Crossings, check_memory, drawn_axes, section_of
 from lagrange.errors import StatementError, counted, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.members.table import axis_values
@@ -23,11 +23,14 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
 SAME_POINT = 1e-6
-"""Distance below which two points are the same, as a part of the extent of all points on the axes."""
+"""Distance below which two points are the same, as a fraction of the extent of all points."""
 
 
 DIFFERENCE_NOISE = 1e-12
-"""Largest rounding noise of a difference, relative to the size of a coordinate, or of its velocity in a mean period."""
+"""Largest rounding noise of the difference of two states, relative to a scale of the entry.
+
+The scale of a coordinate is its size, or the size of its velocity times the mean period.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,7 @@ class SweepData:
 
 
 def parameter_of(statement: Statement, parameter: Any) -> str:
-    """Return the name of a parameter, which is a symbol or a name. Raises StatementError for anything else."""
+    """Return the name of a parameter, given by symbol or name. Raises StatementError for anything else."""
     known = [p.name for p in statement.parameters]
     label = label_of(parameter)
     if label not in known and label.removesuffix("_dot") in statement.names:
@@ -70,7 +73,7 @@ def parameter_of(statement: Statement, parameter: Any) -> str:
 
 
 def values_of(values: Any, name: str) -> FloatArray:
-    """Return the values (k,) of a parameter, from a list or an array, or (low, high, count)."""
+    """Return the values (k,) of a parameter, from a list or an array, or from (low, high, count)."""
     numbers = axis_values(name, values)
     if len(numbers) > MOST_VALUES:
         raise StatementError(
@@ -93,16 +96,16 @@ def sweep(
     followed: bool,
     progress: Report | None = None,
 ) -> SweepData:
-    """Return the settled motion at each of the `values` of a parameter, on the section of this `definition`.
+    """Return the settled motion at each of the `values` of a parameter, on a section.
 
-    `definition` is its event or its period, None for that of the driving. Of each orbit from `starts`, `dropped`
-    points are left out, and then `count` are kept. With `followed` later orbits begin where those at the previous
-    value ended.
+    `definition` is the event or the period of the section; None means the period of the driving. On each orbit from
+    `starts`, `dropped` points are left out, and then `count` are kept. If `followed` is true, later orbits begin at the
+    last points of the orbits at the previous value. `progress` is called with the number of finished values.
     """
     model, statement = runs.model, runs.model.statement
     index = [p.name for p in statement.parameters].index(parameter)
     base = starts_of(model, starts, initial_of(model, None))
-    check_room((len(values), len(base), count + dropped, model.layout.size))
+    check_memory((len(values), len(base), count + dropped, model.layout.size))
     arrays = [with_value(runs, index, value) for value in values.tolist()]
     scale = time_scale(model, base, runs.parameters, statement.run.t_end)
     sections = [_section(runs, definition, array) for array in arrays]
@@ -144,7 +147,7 @@ def sweep(
 
 
 def with_value(runs: Runs, index: int, value: float) -> FloatArray:
-    """Return the parameters (k,) with `value` at an index. Raises StatementError for an invalid value."""
+    """Return the parameters (k,) with `value` at the index `index`. Raises StatementError for an invalid value."""
     array = runs.parameters.copy()
     array[index] = value
     return runs.model.parameter_array(array)
@@ -160,8 +163,8 @@ def _section(runs: Runs, definition: Any, parameters: FloatArray) -> Event | flo
 def _next(orbit: Crossings, start: FloatArray, passed: Event | float, statement: Statement) -> tuple[float, FloatArray]:
     """Return the time and the state at which the orbit for the next value of the parameter begins.
 
-    The state is that of the last crossing of `orbit`, or `start` if there is none or its run is not complete. The
-    time is that of the crossing if the section `passed` is an event and the system depends on time, else 0.
+    The state is the last crossing of `orbit`, or `start` if there is none or its run is not complete. The time is the
+    time of this crossing if the section `passed` is an event and the system depends on time, else 0.
     """
     if not orbit.status.complete or not len(orbit.states):
         return 0.0, start
@@ -173,15 +176,15 @@ def _next(orbit: Crossings, start: FloatArray, passed: Event | float, statement:
 def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> FloatArray:
     """Return the period (k, m) of each orbit in `states` (k, m, s, 2n), as a number of points.
 
-    It is the least p for which every point equals the one p points before, or 0 if there is none. `scale` is a period
-    of small motions, by which velocities are multiplied to compare them with coordinates.
+    The period is the least p for which every point equals the point p before it, or 0 if there is none. `scale` is a
+    period of small oscillations; velocities are multiplied by it for the comparison with coordinates.
     """
     complete = states[np.isfinite(states).all(axis=-1)]
     if not len(complete):
         return np.zeros(states.shape[:2], dtype=int)
     size = np.maximum(np.ptp(complete, axis=0), 1e-300)
     size[: len(periodic)][list(periodic)] = np.minimum(size[: len(periodic)][list(periodic)], 2 * np.pi)
-    # An entry with one value everywhere, such as that on the section, is ignored: its differences are rounding noise.
+    # An entry that is constant up to rounding, such as one that the section fixes, is ignored.
     n, largest = len(periodic), np.abs(complete).max(axis=0)
     largest = np.maximum(largest, np.concatenate([largest[n:] * scale, largest[:n] / scale]))
     size = np.maximum(size, DIFFERENCE_NOISE * largest / SAME_POINT)
@@ -199,6 +202,7 @@ def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> Flo
 
 
 def _ended(statuses: Sequence[tuple[Status, ...]], value_count: int, parameter: str, starts: int) -> tuple[Status, str]:
+    """Return the status and the message of a diagram with `value_count` values, and `starts` orbits at each."""
     flat = [status for row in statuses for status in row]
     if Status.INTERRUPTED in flat:
         return Status.INTERRUPTED, (
