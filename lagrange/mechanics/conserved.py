@@ -1,4 +1,4 @@
-"""Conserved quantities: the energy, momenta, and quantities of symmetries, with their values along a run."""
+"""Find and prove the conserved quantities of a system: energy, momenta and others; evaluate them along a run."""
 
 from __future__ import annotations
 
@@ -41,9 +41,10 @@ from lagrange.trajectory.trajectory import FloatArray
 
 
 def runge_lenz(stated: StatedAlgebra, body: BodyPosition) -> Iterator[tuple[str, MonomialSum]]:
-    """Yield (name, component) of the Runge-Lenz vector of a body in a potential k/|r| alone; else nothing.
+    """Yield (name, component) of the Runge-Lenz vector of a body in the potential k/|r|; nothing for other systems.
 
-    It is p x l - mass k r/|r|, where p is the momentum and l the angular momentum. p x l is mass^2 (r v^2 - v (r . v)).
+    The vector is p x l - mass k r/|r|, where p is the momentum and l the angular momentum. The term p x l equals mass^2
+    (r v^2 - v (r . v)). `body` has the position r, the velocity v, the mass, and the other terms of the Lagrangian.
     """
     statement, algebra = stated.statement, stated.algebra
     if statement.constraints or any(statement.forces) or statement.dissipation != 0 or not body.rest:
@@ -78,8 +79,8 @@ MOST_SYMMETRY_MONOMIALS = 60_000
 class Conserved(ShownAsPage):
     """A quantity that stays constant along every motion, in coordinates, velocities, parameters and t.
 
-    `name` is "energy", "p_phi", "angular momentum z" and the like. `reason` says why it is conserved. `statement` is
-    the statement of the system.
+    `name` is "energy", "p_phi", "angular momentum z" and the like. `expression` is the formula. `reason` is a sentence
+    that says why the quantity is conserved. `statement` states the system.
     """
 
     name: str
@@ -95,9 +96,10 @@ class Conserved(ShownAsPage):
 
 
 def conserved_quantities(model: Model) -> list[Conserved]:
-    """Return the conserved quantities that are proven; others may exist.
+    """Return the conserved quantities of a system that are proven; others may exist.
 
-    Raises RunError if a proven quantity changes along the compiled motion, which is a fault of this library.
+    Each proven quantity is tested against the compiled model. Raises RunError if a quantity changes along the motion,
+    which is a fault of this library.
     """
     if "conserved" not in model.prepared:
         quantities = list(_proven_quantities(model))
@@ -167,7 +169,7 @@ RUNGE_LENZ = "The force falls with the square of the distance, so the axis of th
 
 
 def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | None) -> Iterator[Symmetry]:
-    """Yield the proven symmetries; `body` is the position of the single body, or None.
+    """Yield the proven symmetries of a system; `body` is the position of its single body, or None.
 
     Symmetries of ignorable coordinates are left out, and so are linear combinations of earlier shifts.
     """
@@ -190,9 +192,11 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
 
 
 def _proven(equation: SymmetryEquation, candidate: Symmetry, *, complete: bool = True) -> Symmetry | None:
-    """Return a candidate if it is proven to be a symmetry, else None. A proof that would be too long counts as none.
+    """Return `candidate` if it is proven to be a symmetry, else None.
 
-    With `complete` a gauge function F(q, t) is added to the candidate if the symmetry needs one.
+    None is returned also if the proof would be too long.
+
+    If `complete` is true, a gauge function F(q, t) is added to the candidate where the symmetry needs it.
     """
     try:
         with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):
@@ -207,7 +211,7 @@ LONGEST_SHOWN = 200  # Largest number of characters of a quantity in a message
 
 @refusing_deep
 def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
-    """Return the conserved p . xi - tau E - F of a symmetry with the generator {q: xi, t: tau}.
+    """Return the conserved quantity p . xi - tau E - F of a symmetry, stated by its generator {q: xi, t: tau}.
 
     p are the momenta, E is the energy, and F the gauge function. Raises StatementError if the generator is not a
     symmetry of the system.
@@ -265,7 +269,7 @@ def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> di
 def _refusal(
     model: Model, stated: TextbookAlgebra, equation: SymmetryEquation, symmetry: Symmetry, quantity: Any
 ) -> str:
-    """Return the error message for a generator that is not a symmetry, with the rate of change of its `quantity`."""
+    """Return the error message for a generator that is not a symmetry; it states how fast its `quantity` changes."""
     (rates,) = quantity_rates(model, [quantity])
     worst = rates.worst
     across = [
@@ -295,7 +299,7 @@ def _spelled(model: Model, quantity: Any) -> str:
 RATE_STATES = 6  # Number of random states at which a rate is tested
 
 LARGEST_RATE = 1e-8
-"""Largest rate that counts as zero, relative to its terms. Accelerations in doubles are accurate to about 1e-12."""
+"""Largest rate of change that counts as zero, relative to its terms. Accelerations are accurate to about 1e-12."""
 
 REST = 1e-4
 """Terms of a rate below this fraction of the largest terms of all quantities count as rounding errors."""
@@ -303,7 +307,10 @@ REST = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class QuantityRates:
-    """Time derivatives of a quantity at K states: `values` (K,), and `sizes` (K,), the magnitudes of their terms."""
+    """Time derivatives of a quantity at K states.
+
+    `values` (K,) are the derivatives. `sizes` (K,) are the sums of the magnitudes of their terms.
+    """
 
     points: Sequence[SamplePoint]
     values: FloatArray
@@ -339,9 +346,9 @@ def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRat
 
 
 def _placed(model: Model, point: SamplePoint) -> SamplePoint | None:
-    """Return the sample point moved to a near state that satisfies the constraints, or None if none is found.
+    """Return the nearest state on the constraints to a sample point, as a sample point; None if no such state is found.
 
-    First-order equations of motion, of coordinates without inertia, are satisfied as well.
+    Coordinates without inertia also get the velocities that their first-order equations of motion require.
     """
     if not len(model.equations.constraints):
         return point
@@ -357,7 +364,7 @@ def _placed(model: Model, point: SamplePoint) -> SamplePoint | None:
 
 
 def _rate_terms(model: Model, expression: Any) -> list[Any]:
-    """Return the terms of the time derivative of an expression: partial derivatives times the rates of symbols."""
+    """Return the terms of d/dt of an expression: partial derivatives by q, v and t, times the rates of q, v and t."""
     statement = model.statement
     plain = {**statement.plain, t: sympy.Dummy("t", real=True)}
     back = {symbol: leaf for leaf, symbol in plain.items()}
@@ -394,7 +401,7 @@ def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameter
 def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, float]:
     """Return a scale for the drift of each conserved quantity, by name, for states y (2n, N) at times t (N,).
 
-    It is the largest sum of the magnitudes of the quantity's terms, at some of the times.
+    The scale is the largest sum of magnitudes of the quantity's terms, over up to SIZE_SAMPLES of the times.
     """
     quantities = conserved_quantities(model)
     if not quantities or not len(t):
@@ -407,7 +414,7 @@ def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Para
 
 
 def _terms(expression: Any) -> Any:
-    """Return an expression for the sum of the magnitudes of the terms of an expression."""
+    """Return an expression with each term replaced by its magnitude, so that terms do not cancel."""
     if expression.is_Add or expression.is_Mul:
         return expression.func(*map(_terms, expression.args))
     if expression.is_Pow and expression.exp.is_Integer and expression.exp > 0:

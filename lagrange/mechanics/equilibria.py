@@ -1,4 +1,4 @@
-"""Equilibria: where the forces vanish at rest, or in a steady motion of ignorable coordinates.
+"""Find the equilibria of a system at rest, or in a steady motion of ignorable coordinates.
 
 Steady rotations of a body are found in angles about three axes: R = R1(precession) R2(tilt) R3(spin). The first axis is
 one of space. The precession, and for a symmetric body the spin, are ignorable. Such angles are singular at two tilts,
@@ -118,10 +118,7 @@ def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
 
 
 class _Problem:
-    """The equations of equilibrium of a form, a statement in plain symbols.
-
-    `free` are the indices of its ignorable coordinates, and `rates` their steady velocities.
-    """
+    """Equations of equilibrium of `form`; its ignorable coordinates `free` may have steady velocities, `rates`."""
 
     def __init__(self, form: PlainForm, free: tuple[int, ...], rates: Any) -> None:
         self.form, self.free, self.statement = form, free, form.statement
@@ -154,7 +151,7 @@ class _Problem:
 
     @cached_property
     def friction(self) -> str:
-        """A sentence on the forces that jump at rest, as dry friction does; empty without such forces."""
+        """Sentence that names the forces with a jump at rest, such as dry friction; "" without such forces."""
         form, at_rest = self.form, self.at_rest
         jumps = {
             edge: None
@@ -199,7 +196,7 @@ class _Problem:
         return (self.searched(), False) if symbolic is None else (symbolic, True)
 
     def each_pole_once(self, solutions: Sequence[dict[Any, Any]]) -> list[dict[Any, Any]]:
-        """Return the solutions, of those at one pole only one: if there is one, that with an arbitrary longitude."""
+        """Return the solutions with one for each pole, which has an arbitrary longitude if any does."""
         first = sorted(solutions, key=len)
         return [first[k] for k in each_pole_once([self.point(values) for values in first])]
 
@@ -210,7 +207,7 @@ class _Problem:
         return StatedPoint(self.form, places, tuple(self.speeds.get(v, sympy.S.Zero) for v in self.form.v), {})
 
     def searched(self) -> list[dict[Any, Any]]:
-        """Return numerical equilibria, {symbol: value} each. Raises StatementError if parameters lack values."""
+        """Return numerical equilibria, a dict {symbol: value} each. Raises StatementError if parameters lack values."""
         statement = self.statement
         statement.require_parameters(
             f"the equilibria of {statement.name} are not found in symbols, and for a search by number"
@@ -226,21 +223,21 @@ class _Problem:
         return [dict(zip(self.unknowns, map(sympy.Float, end), strict=True)) for end in ends]
 
     def is_angle(self, symbol: Any) -> bool:
-        """Return True if L, the forces and the constraints have period 2 pi in a coordinate."""
+        """Return True if L, the forces and the constraints have period 2 pi in the coordinate `symbol`."""
         turn = {symbol: symbol + 2 * sympy.pi}
         return all(x.xreplace(turn) == x for x in (self.form.lagrangian, *self.form.forces, *self.zeros))
 
     def none_found(self, *, symbolic: bool, poles: bool = False) -> str:
-        """Return the error message for no equilibrium. It says whether the search was `symbolic` or numerical.
+        """Return the error message if there is no equilibrium; `symbolic` is true if equations were solved in symbols.
 
-        `poles` is true if forces vanish, but only at poles of the coordinates that are not in balance.
+        `poles` is true if forces vanish only at poles of the coordinates, and the system is not in balance there.
         """
         statement = self.statement
         named = listing(dict.fromkeys(rotation_name(statement.coordinates[i]) or statement.names[i] for i in self.rows))
         if poles:
             return (
                 f"{statement.name} has no equilibrium: the forces on {named} at rest vanish only where the mass matrix "
-                "is singular, and there without balance."
+                "is singular, and the system is not in balance there."
             )
         friction = f" But {self.friction}" if self.friction else ""
         if symbolic:
@@ -259,9 +256,9 @@ class _Problem:
         )
 
     def steady_motion(self) -> str:
-        """Return a remedy with a motion at constant speeds, such as that of a motor under a torque and a drag.
+        """Return a sentence with a motion at constant speeds, such as that of a motor under a torque and a drag.
 
-        The speeds are those of coordinates that no force depends on. Returns "" if no such motion is found.
+        The speeds belong to coordinates that no force depends on. Returns "" if no such motion is found.
         """
         form, names = self.form, self.statement.names
         drifting = [i for i in self.rows if not any(r.has(form.q[i]) for r in form.residuals)]
@@ -278,15 +275,16 @@ class _Problem:
         turned = dict.fromkeys(map(rotation_name, self.statement.coordinates))
         return (
             f"{self.statement.name} has too many equilibria to list: {STARTS} starts of Newton's method ended at "
-            f"{count} different places, as they do where equilibria fill a curve or a surface. linearize(...) tells of "
-            "one place whether it is an equilibrium, modes(...) whether that is stable."
+            f"{count} different places, as they do where equilibria fill a curve or a surface. linearize(...) says "
+            "whether a point is an equilibrium, and modes(...) whether it is stable."
             + "".join(f" Call equilibria({{{name}.space[2]: 0}})." for name in turned if name)
         )
 
     def record(self, values: Mapping[Any, Any], *, exact: bool, axial: bool = False) -> Equilibrium:
         """Return the `Equilibrium` for one solution {symbol: value}; `exact` is true for a symbolic solution.
 
-        `axial` is as for `stability_of`.
+        `axial` is true if the system is symmetric about the equilibrium in the plane of its two non-ignorable
+        coordinates.
         """
         statement, form = self.statement, self.form
         coordinates = {
@@ -335,10 +333,10 @@ class _Problem:
         return simplest(value - 2 * sympy.pi * math.ceil(round(angle.real / (2 * math.pi), 12) - 0.5))
 
     def check(self, values: Mapping[Any, Any], known: Mapping[Any, Any], *, exists: bool) -> None:
-        """Evaluate the forces at a solution `values`, with numbers `known` for the parameters.
+        """Evaluate the forces at the solution `values`, with the numbers `known` for the parameters.
 
-        Raises RunError if a force exceeds its rounding error, which is a fault of this library. Nothing is tested
-        unless the equilibrium `exists` for these numbers.
+        Raises RunError if a force exceeds its rounding error, which is a fault of this library. Tests nothing if
+        `exists` is false: then the solution is not real for these numbers.
         """
         if not exists or not all(m in values for m in self.multipliers):
             return  # the search has already tested numerical solutions
@@ -361,7 +359,7 @@ class _Problem:
                 )
 
     def order(self, equilibrium: Equilibrium) -> tuple[Any, ...]:
-        """Return the sort key of an equilibrium: existing ones come first, then by energy if it has a value."""
+        """Return the sort key of an equilibrium: those that exist come first, then by energy if it has a value."""
         energy = number(self.form.read(equilibrium.energy), self.statement.defaults)
         return (not equilibrium.exists, round(energy.real, 9) if energy == energy else 0.0)
 
@@ -369,11 +367,11 @@ class _Problem:
 class _Angles:
     """A statement with three `angles` in place of its rotation: precession, tilt and spin.
 
-    The precession is about the axis `upright` of space, the spin about the axis `last` of the body. `matrix`, `body`
-    and `quaternion` are the rotation, its rates about the axes of the body, and its quaternion, in the angles.
-    `symbols` are the plain symbols of the angles, and `free` the ignorable ones of the angles. `is_free` is true for a
-    body without torques. `form` is the statement in plain symbols, and `ignorable` are the indices of its ignorable
-    coordinates.
+    The precession is about the axis `upright` of space, the spin about the axis `last` of the body. As functions of the
+    angles, `matrix` is the rotation matrix, `body` its rates about the axes of the body, and `quaternion` its
+    quaternion. `symbols` are the plain symbols of the angles, `free` the angles that are ignorable. `is_free` is true
+    for a body without torques. `form` is the statement in plain symbols, and `ignorable` are the indices of its
+    ignorable coordinates.
     """
 
     def __init__(self, statement: Statement, upright: int, last: int) -> None:
@@ -396,7 +394,7 @@ class _Angles:
         torques = [forces.pop(turn) for turn in self.rotation.turns]
         for angle in self.angles:
             forces[angle] = sum(x * rate.diff(velocity_of(angle)) for x, rate in zip(torques, rates, strict=True))
-        start = dict(zip(read.coordinates, read.initial, strict=False))  # of coordinates, without velocities
+        start = dict(zip(read.coordinates, read.initial, strict=False))  # `initial` continues with velocities
         empty = MappingProxyType[str, Any]({})
         statement = rewritten(
             replace(read, rotations=(), positions=empty, surfaces=empty, links=(), contacts=(), simultaneous=""),
@@ -414,7 +412,7 @@ class _Angles:
         self.free = [angle for angle in self.angles if statement.coordinates.index(angle) in self.ignorable]
 
     def in_quaternion(self, equilibrium: Equilibrium) -> Equilibrium:
-        """Return an equilibrium in angles with a quaternion in their place, and the rates about the body axes."""
+        """Return an equilibrium with a quaternion in place of the three angles, and with rates about the body axes."""
         arbitrary = {q: sympy.S.Zero for q, x in equilibrium.coordinates.items() if q == x and q in self.angles}
         values = {q: x.xreplace(arbitrary) for q, x in equilibrium.coordinates.items()}
         values |= {velocity_of(q): equilibrium.velocities.get(velocity_of(q), sympy.S.Zero) for q in values}
@@ -432,7 +430,7 @@ class _Angles:
         )
 
     def key(self, values: Mapping[Any, Any], known: Mapping[Any, Any]) -> tuple[str, ...]:
-        """Return texts that are equal for solutions {symbol: value} that differ only in ignorable angles."""
+        """Return a key of a solution {symbol: value}: equal for solutions that differ only in ignorable angles."""
         plain = dict(zip(self.angles, self.symbols, strict=True))
         row = self.matrix.row(self.upright).xreplace(plain)
         entries = [row[self.last]] if self.angles[2] in self.free else [*row]
@@ -446,8 +444,9 @@ def _steady_rotations(
 ) -> list[Equilibrium]:
     """Return the steady turns of a body about an axis of space, or its precessions at an attitude.
 
-    `turning` maps `R.body` or `R.space` to three rates, None where none is given. `others` are constant velocities of
-    other coordinates, and `attitudes` the values that are given for R. Raises StatementError for other combinations.
+    `turning` maps `R.body` or `R.space` to three rates; a rate is None if the user stated none. `others` are constant
+    velocities of other coordinates. `attitudes` are the user's values of R. Raises StatementError for other
+    combinations.
     """
     if len(statement.rotations) > 1 or statement.reading is None:
         raise StatementError(
@@ -472,7 +471,7 @@ def _steady_rotations(
 
 
 def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]) -> list[Equilibrium]:
-    """Return the motions of a body that turns steadily about an axis of space.
+    """Return the motions of a body that turns steadily at `rate` about the axis of space with index `axis`.
 
     They are searched for in angles whose spin is about the axis of symmetry of the body, if it has one. These angles
     are singular at two tilts, the poles, where a factor such as sin(tilt) is zero. The poles are examined in other
@@ -501,7 +500,7 @@ def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]
     known = statement.defaults
     regular = {}
     for x in solutions:
-        # At a pole the factor is zero, or only rounding.
+        # At a pole the factor is zero up to rounding.
         if tilt in x and not abs(number(factor(x[tilt]), known)) < 1e-9 and simplest(factor(x[tilt])) != 0:
             regular[main.key(x, known)] = x
     if len(regular) > MOST_PLACES:
@@ -530,8 +529,8 @@ def _precessions(
 ) -> list[Equilibrium]:
     """Return the precessions, at an attitude, of a body with a constant rate about its `axis` of symmetry.
 
-    They turn about the first of the axes z, y and x of space about which the system is symmetric. Their rates are the
-    roots of the force on the tilt.
+    The body precesses about the first of the axes z, y and x of space about which the system is symmetric. The rates of
+    precession are the roots of the force on the tilt.
     """
     for upright in (2, 1, 0):
         angles = _Angles(statement, upright, axis)
@@ -547,10 +546,10 @@ def _precessions(
     form, known, unknown = problem.form, dict(statement.defaults), sympy.Dummy("w", real=True)
     if problem.unknowns != (form.plain[tilt],):
         raise StatementError(
-            f"the precessions of {statement.name} are found with ignorable coordinates alone beside "
-            f"{angles.rotation.name}: forces or constraints depend on {listing(map(str, problem.unknowns))}."
+            f"precessions of {statement.name} are found only if all coordinates besides {angles.rotation.name} are "
+            f"ignorable: forces or constraints depend on {listing(map(str, problem.unknowns))}."
         )
-    cosine = angles.matrix[upright, axis]  # of the angle between the axes of body and space: cos or sin of the tilt
+    cosine = angles.matrix[upright, axis]  # cosine of the angle between both axes: cos or sin of the tilt
     entry = min(max(attitude[upright][axis] * (1 if axis == upright else cosine.subs(tilt, sympy.pi / 2)), -1), 1)
     if abs(entry) > 1 - 1e-15:
         raise StatementError(
@@ -558,7 +557,7 @@ def _precessions(
             "precession and spin are one rotation. Give an attitude with a tilt, or the rate of this rotation, as in "
             f"equilibria({{{angles.rotation.name}.space[{upright}]: ...}})."
         )
-    entry = 0.0 if abs(entry) < 1e-15 else entry  # the factor of rate**2: 0 for a horizontal axis, not rounding
+    entry = 0.0 if abs(entry) < 1e-15 else entry  # no rounding in the factor of rate**2
     stated_tilt = sympy.acos(entry) if axis == upright else sympy.asin(entry)
     spin_rate = expression(rate, "the rate") - unknown * cosine.subs(tilt, stated_tilt)
     still = dict.fromkeys((*form.a, *form.v, *angles.symbols), sympy.S.Zero)
@@ -587,7 +586,7 @@ def _precessions(
 
 
 def _condition(values: Sequence[Any]) -> Any:
-    """Return the condition under which values are real: |x| <= 1 in asin(x) and acos(x), x >= 0 under even roots."""
+    """Return the condition for real `values`: |x| <= 1 in asin(x) and acos(x), x >= 0 under even roots."""
     parts = []
     for value in values:
         for f in sorted(value.atoms(sympy.asin, sympy.acos), key=str):

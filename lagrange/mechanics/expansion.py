@@ -1,4 +1,4 @@
-"""The expansion point of an analysis, corners of expressions near the point, and systems expanded about it."""
+"""Expand a system about a point (`small`), read the point from `at={...}`, and find corners of the forces near it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _COMPARED = sympy.core.relational.Relational
 def edges(expr: Any) -> Sequence[Any]:
     """Return the expressions whose zeros are the corners and jumps of `expr`, such as x for |x|.
 
-    `expr` is an expression from `PlainForm.read`.
+    `expr` comes from `PlainForm.read`: it is in plain symbols, without functions of time.
     """
     zeros = [node.args[0] for node in sorted(expr.atoms(Magnitude, Direction, Step), key=str)]
     for node in sorted(expr.atoms(sympy.Piecewise), key=str):
@@ -35,7 +35,7 @@ def edges(expr: Any) -> Sequence[Any]:
 
 
 def on_side(expr: Any, edge: Any, sign: int) -> Any:
-    """Return the formula of an expression on one side of a corner: the side on which `edge` has the sign 1 or -1."""
+    """Return the formula that `expr` has on one side of a corner: where `edge` has the sign `sign`, 1 or -1."""
     values = {Magnitude: sign * edge, Direction: sympy.Integer(sign), Step: sympy.Integer(sign > 0)}
     table = {node: values[node.func] for node in expr.atoms(*values) if node.args[0] == edge}
     true = (">", ">=", "!=") if sign > 0 else ("<", "<=", "!=")
@@ -53,7 +53,11 @@ BALANCED_FORCE = 1e-8  # Largest residual force at an equilibrium in decimals, r
 
 @dataclass(frozen=True, eq=False)
 class StatedPoint:
-    """Expansion point: values of the n coordinates, the n velocities and the inputs, as expressions in parameters."""
+    """The point about which a system is expanded or linearised, in expressions of parameters.
+
+    `q` and `v` are the values of the n coordinates and the n velocities. `inputs` maps each input to its value. `form`
+    is the statement in plain symbols.
+    """
 
     form: PlainForm
     q: tuple[Any, ...]
@@ -93,7 +97,7 @@ class StatedPoint:
 
     @property
     def where(self) -> str:
-        """The point as text: all coordinates, and the velocities that are not zero."""
+        """The point as text for messages: all coordinates, and the velocities that are not zero."""
         names = self.form.statement.names
         still = [f"{name} = {shown(x)}" for name, x in zip(names, self.q, strict=True)]
         return listing(still + [f"{name}_dot = {shown(x)}" for name, x in zip(names, self.v, strict=True) if x != 0])
@@ -112,7 +116,7 @@ class StatedPoint:
     def check_corners(self) -> None:
         """Raise StatementError if forces have a corner or a jump at the point, so that they are not linear near it."""
         if any(edges(x) for x in (self.form.lagrangian, *self.form.forces)):
-            _ = self.residuals  # these raise the error
+            _ = self.residuals  # raises the error
 
     def _smooth(self, residual: Any, name: str) -> Any:
         """Return a residual in a form without corners at the point; `name` is the coordinate of its equation."""
@@ -145,9 +149,9 @@ class StatedPoint:
         return side.replace(lambda node: node.is_Piecewise, chosen)
 
     def _rounded(self, above: Any, below: Any) -> bool:
-        """Return True if the expressions `above` and `below` differ at the point only by rounding of decimals.
+        """Return True if two expressions differ at the point only by rounding of decimals.
 
-        They are the formulas on the two sides of a corner.
+        `above` and `below` are the formulas on the two sides of a corner.
         """
         if not above.has(sympy.Float):
             return False
@@ -158,7 +162,8 @@ class StatedPoint:
     def is_zero(self, expr: Any, scale: Any) -> bool:
         """Return True if an expression is zero at the point.
 
-        Decimals may differ from zero by 1e-8, relative to 1 or to the largest number among the expressions `scale`.
+        A decimal counts as zero up to 1e-8, relative to the largest number among the expressions `scale`, or to 1 if
+        that is larger.
         """
         if not self.decimal or expr.free_symbols:
             return vanishes(self.form, expr)
@@ -166,14 +171,16 @@ class StatedPoint:
         return abs(complex(printable(expr))) <= BALANCED_FORCE * size
 
 
-INPUT_REMEDY = "call linearize(inputs=[{0!r}]) for a matrix B, or "  # Begin of a remedy for an input without values
+INPUT_REMEDY = (
+    "call linearize(inputs=[{0!r}]) for a matrix B, or "  # Start of the remedy in a message on an input without values
+)
 
 
 def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tuple[Statement, Any, tuple[Any, ...]]:
-    """Return statement, point and inputs, where a parameter replaces each input that is a function of time.
+    """Return (statement, point, inputs) with a parameter in place of each input that is a function of time.
 
-    Raises StatementError for an input that is neither a parameter nor a given function, and for a function whose
-    derivative is in the statement.
+    `at` is the user's point, `inputs` the user's list of inputs. Raises StatementError for an input that is neither a
+    parameter nor a given function, and for a function whose derivative is in the statement.
     """
     listed = [inputs] if isinstance(inputs, str) else entries(inputs, "inputs")
     named = [label_of(entry) for entry in ([inputs] if listed is None else listed)]
@@ -191,7 +198,7 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
             kind = f"a rate of {function}" if function else "not a parameter of this system"
             kind = "a coordinate or a velocity" if label in statement.state_names else kind
             raise StatementError(
-                f"inputs contains {label[:80]!r}, which is {kind}: choose of {listing(known)}, or state the system "
+                f"inputs contains {label[:80]!r}, which is {kind}: choose from {listing(known)}, or state the system "
                 f"with the input, as in forces={{{statement.names[0]}: u}} with u = lg.given('u')."
             )
     table = {f: sympy.Symbol(name_of(f), real=True) for f in statement.given if name_of(f) in named}
@@ -208,9 +215,10 @@ def stated_point(
 ) -> StatedPoint:
     """Return the expansion point from the mapping `at` of coordinates, velocities and `inputs` to their values.
 
-    Those without an entry are zero; a rotation without an entry is the identity. With `turning` rotations may have
-    rates, unless an expression contains an entry of a quaternion; else StatementError is raised for rates, as for
-    unknown keys, and for values that are not constant. Messages call the mapping `table`.
+    Symbols without an entry have the value zero; a rotation without an entry is the identity. `turning` permits rates
+    of rotations, unless an expression contains an entry of a quaternion. `table` is the name of the mapping in
+    messages. Raises StatementError for unknown keys, for values that are not constant, and for rates that are not
+    permitted.
     """
     stated = table_of(at, table, f"coordinate or velocity to value, such as {{{statement.names[0]}: 0}}")
     rest = {q: sympy.Integer(is_scalar(q)) for q in statement.coordinates}
@@ -254,7 +262,10 @@ def stated_point(
 
 
 def with_lengths(statement: Statement) -> Statement:
-    """Return the statement with a constraint of length one on each quaternion, whose entries are then coordinates."""
+    """Return the statement with the entries of quaternions as plain coordinates, in place of rotations.
+
+    A constraint keeps the length of each quaternion at one.
+    """
     lengths = (
         Constraint(f"{each.name}_length", (sum(q**2 for q in each.quaternion) - 1) / 2, holonomic=True)
         for each in map(rotation_of, statement.rotations)
@@ -262,14 +273,17 @@ def with_lengths(statement: Statement) -> Statement:
     return replace(statement, constraints=(*statement.constraints, *lengths), rotations=(), reading=None)
 
 
-HIGHEST = 8  # Largest order of an expansion: order 8 of a double pendulum's energy takes about 1 s
+HIGHEST = 8  # Largest order of an expansion: the energy of a double pendulum takes about 1 s to order 8
 
 _SIZE = sympy.Dummy("size", real=True)
-"""Symbol for the size of the changes: expressions are expanded in its powers."""
+"""Symbol for the size of all deviations from the point: expressions are expanded in powers of this symbol."""
 
 
 def small(statement: Statement, about: Any, order: Any) -> Statement:
-    """Return the statement expanded about the point `about`, to `order` in changes of coordinates and velocities."""
+    """Return the statement expanded about the user's point `about`, to `order` in deviations from it.
+
+    Deviations are those of coordinates and velocities.
+    """
     return _StatementExpansion(stated_point(statement, about), whole_number(order, "order", 2, HIGHEST)).statement()
 
 
@@ -312,9 +326,10 @@ class _StatementExpansion:
         return replace(expansion, positions=stated.positions, about=about)
 
     def expanded(self, stated: Any, what: str, order: int) -> Any:
-        """Return the Taylor polynomial, up to degree `order`, of an expression about the expansion point.
+        """Return the Taylor polynomial of an expression about the point, up to degree `order`.
 
-        It is in the deviations of coordinates and velocities from this point. `what` names the expression in errors.
+        Its variables are the deviations of coordinates and velocities from the point. `what` names the expression in
+        errors.
         """
         plain = self.form.read(stated)
         self.check_smooth(plain, what)
@@ -336,9 +351,9 @@ class _StatementExpansion:
         return self.form.written(total)
 
     def collected(self, term: Any) -> Any:
-        """Return a polynomial in the deviations from the point, written in coordinates and velocities.
+        """Return a polynomial in deviations from the point, written in coordinates and velocities.
 
-        Its coefficients are simplified.
+        The coefficients are simplified.
         """
         polynomial = sympy.Poly(sympy.expand(term), *self.changes)
         differences = [symbol - value for symbol, value in zip(self.symbols, self.values, strict=True)]
@@ -376,15 +391,15 @@ class _StatementExpansion:
 
     @property
     def note(self) -> str:
-        """Sentences that describe the expansion, and say if the point is not an equilibrium."""
+        """Description of the expansion in sentences; it says so if the point is not an equilibrium."""
         description = (
             f"Expanded about {self.point.where} to order {self.order} in changes of coordinates and velocities."
         )
         if self.balanced:
             return description
         return (
-            f"{description} That is not an equilibrium: terms of first order remain, and accelerations are those of "
-            "the system at the point alone."
+            f"{description} The point is not an equilibrium: terms of first order remain, and accelerations are those "
+            "of the system at the point alone."
         )
 
     @cached_property

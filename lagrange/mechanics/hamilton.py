@@ -1,4 +1,4 @@
-"""Hamilton's form: the Legendre transform, H = p.v - L, brackets and equations."""
+"""Hamilton's form of a system: Legendre transform, H = p.v - L, Hamilton's equations and Poisson brackets."""
 
 from __future__ import annotations
 
@@ -36,12 +36,18 @@ from lagrange.statement.random_states import SamplePoint, holds, random_points
 from lagrange.statement.statement import Statement
 
 LARGEST_COUPLED_BLOCK = 4
-"""Largest number of coupled velocities that are solved for in symbols: the inverse of five has thousands of terms."""
+"""Largest number of coupled velocities that are solved for in symbols.
+
+The inverse of a matrix of five has thousands of terms.
+"""
 
 
 @dataclass(frozen=True)
 class Legendre:
-    """Result of the Legendre transform, in plain symbols: momenta, and velocities and H as functions of the momenta."""
+    """Result of the Legendre transform, in plain symbols.
+
+    `symbols` are the momenta. `velocities` and `hamiltonian` are the velocities and H as functions of the momenta.
+    """
 
     symbols: tuple[Any, ...]
     velocities: tuple[Any, ...]
@@ -49,7 +55,7 @@ class Legendre:
 
 
 def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
-    """Return the Legendre transform of the Lagrangian; `symbols` are the momenta.
+    """Return the Legendre transform of the Lagrangian; `symbols` are the symbols for the momenta.
 
     Raises StatementError if the momenta do not determine the velocities.
     """
@@ -74,9 +80,10 @@ def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
 
 
 def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
-    """Return the adjugate and the determinant of a block of the mass matrix: the rows and columns `block`.
+    """Return the adjugate and the determinant of a block of the mass matrix.
 
-    Raises StatementError if this block is singular or too large.
+    `block` lists the indices of the rows and columns of the block. Raises StatementError if the block is singular or
+    too large.
     """
     if len(block) > LARGEST_COUPLED_BLOCK:
         names = listing(form.statement.names[i] for i in block)
@@ -92,9 +99,10 @@ def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
 
 
 def _inverted(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tuple[list[Any], Any]:
-    """Return the velocities of the coordinates `block` from the momenta `symbols`, and (p - b) M^-1 (p - b)/2.
+    """Return the velocities of the coordinates `block` as functions of the momenta, and (p - b) M^-1 (p - b)/2.
 
-    The inertia M of the block must not depend on its velocities; b are the momenta at zero velocities.
+    The inertia M of the block must not depend on its velocities; b are the momenta at zero velocities. `symbols` are
+    the symbols of all momenta p.
     """
     adjugate, determinant = inverse(form, block)
     still = dict.fromkeys(form.v, sympy.S.Zero)
@@ -106,8 +114,8 @@ def _inverted(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> 
 def half_square(mass: Any, inverted: tuple[Any, Any], column: Any) -> Any:
     """Return c M^-1 c/2 for a `column` c and a `mass` matrix M, in its shortest form.
 
-    The form is one fraction, or a sum of squares if that is shorter, as for a top. `inverted` are the adjugate and the
-    determinant of M.
+    The form is one fraction, or a sum of squares if the sum is shorter, as for a top. `inverted` are the adjugate and
+    the determinant of M.
     """
     adjugate, determinant = inverted
     above, below = sympy.fraction(simplest((column.T * adjugate * column)[0] / (2 * determinant)))
@@ -116,7 +124,10 @@ def half_square(mass: Any, inverted: tuple[Any, Any], column: Any) -> Any:
 
 
 def _squares(mass: Any, column: list[Any]) -> list[Any]:
-    """Return the terms w^2/(2 d) of c M^-1 c/2, for a `column` c; [] if a pivot d is zero. Short pivots come first."""
+    """Return c M^-1 c/2 as a list of terms w^2/(2 d), by elimination with pivots d; [] if a pivot is zero.
+
+    `mass` is M, `column` is c. Pivots with short formulas come first.
+    """
     n = len(column)
     k = min(range(n), key=lambda i: (mass[i, i] == 0, size(mass[i, i])))
     pivot, rest = mass[k, k], [i for i in range(n) if i != k]
@@ -133,7 +144,7 @@ def _squares(mass: Any, column: list[Any]) -> list[Any]:
 
 
 def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
-    """Return the error message for momenta of the coordinates `block` that do not determine the velocities."""
+    """Return the error message if the momenta of the coordinates `block` do not determine their velocities."""
     names = [form.statement.names[i] for i in block]
     if len(block) == 1:
         reason = f"d2L/d{names[0]}_dot2 = 0, so that {names[0]}_dot does not follow from its momentum"
@@ -151,9 +162,9 @@ def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
 def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tuple[list[Any], Any]:
     """Return the velocities of the coordinates `block` as functions of the momenta `symbols`, and H.
 
-    The inertia of these coordinates depends on their velocities. H is None if it is not known yet. Of several
-    solutions, the result is the one that reproduces velocities of random states. Raises StatementError if there is
-    none.
+    It is for coordinates whose inertia depends on their velocities. H is None if it is not known yet. If there are
+    several solutions, the one that reproduces velocities of random states is returned. Raises StatementError if none
+    does.
     """
     candidates = _by_length(form, block, symbols)
     if not candidates and len(block) == 1:
@@ -174,8 +185,8 @@ def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tu
 def _by_length(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> list[tuple[list[Any], Any]]:
     """Return solutions (velocities, H) for L = F(u) + b.v with u = c + v B v, as for a relativistic particle.
 
-    Then p - b = 2 F'(u) B v, and 4 F'(u)^2 (u - c) = (p - b) B^-1 (p - b) is solved for u. The list is empty for
-    another L.
+    Then p - b = 2 F'(u) B v, so 4 F'(u)^2 (u - c) = (p - b) B^-1 (p - b), which is solved for u. The list is empty for
+    other Lagrangians.
     """
     v = [form.v[i] for i in block]
     u = sympy.Symbol("u", positive=True)
@@ -229,10 +240,10 @@ def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], v
 class Hamiltonian(ShownAsPage):
     """The Hamiltonian H(q, p, t) of a system in SymPy, with brackets and Hamilton's equations.
 
-    `momenta` maps each coordinate to its momentum p_q, a function of time. `velocities` maps each coordinate to
-    dq/dt. `forces` are the forces without a potential, Q - dD/dv. Both are functions of coordinates and momenta.
-    `statement` states a system whose coordinates are q and p, by the Lagrangian p.dq/dt - H. `made` is a function
-    that returns the System of a statement.
+    `expression` is H. `momenta` maps each coordinate to its momentum p_q, a function of time. `velocities` maps each
+    coordinate to dq/dt, and `forces` to its force without a potential, Q - dD/dv, as functions of coordinates and
+    momenta. `statement` states a system whose coordinates are q and p, by the Lagrangian p.dq/dt - H. `made` is a
+    function that returns the System of a statement.
     """
 
     expression: Any
@@ -257,8 +268,8 @@ class Hamiltonian(ShownAsPage):
     def poisson(self, f: Any, g: Any) -> Any:
         """Return the Poisson bracket {f, g} = sum df/dq dg/dp - df/dp dg/dq.
 
-        `f` and `g` are expressions in coordinates, momenta, parameters and t; velocities are written in momenta first.
-        Raises StatementError for an expression with anything else in it.
+        `f` and `g` are expressions in coordinates, momenta, parameters and t. Velocities in them are replaced by
+        functions of momenta. Raises StatementError for any other symbol.
         """
         first, second = self._function(f, "the first function"), self._function(g, "the second function")
         form, pairs = self._form, list(self.momenta.items())
@@ -270,7 +281,7 @@ class Hamiltonian(ShownAsPage):
 
     @cached_property
     def system(self) -> Any:
-        """The System of coordinates and momenta, of first order. Its runs agree with those of the original system."""
+        """The System of first order whose coordinates are q and p. Its runs agree with the original system."""
         return self.made(self.statement)
 
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
@@ -334,8 +345,8 @@ def _record(
 ) -> Hamiltonian:
     """Return the `Hamiltonian` of a Legendre transform, with a statement in coordinates and momenta.
 
-    `momenta` are the functions of time p_q that replace the plain symbols of the momenta. `system_of` returns the
-    System of a statement.
+    `momenta` are functions of time p_q, in place of the symbols in `legendre`. `system_of` returns the System of a
+    statement.
     """
     statement = form.statement
     back = dict(zip(legendre.symbols, momenta, strict=True))
@@ -379,9 +390,9 @@ def _record(
 
 
 def _check(form: PlainForm, legendre: Legendre, model: Model) -> None:
-    """Raise RunError if H, dH/dp and -dH/dq + Q differ from the compiled energy, velocities and forces.
+    """Raise RunError if the Legendre transform differs from the compiled model at random states.
 
-    They are compared at random states.
+    H, dH/dp and -dH/dq + Q are compared with the energy, the velocities and the forces.
     """
     slopes = [legendre.hamiltonian.diff(p) for p in legendre.symbols]
     pulls = [-legendre.hamiltonian.diff(q) + force for q, force in zip(form.q, form.forces, strict=True)]

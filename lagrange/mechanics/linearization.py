@@ -1,4 +1,4 @@
-"""Equations of motion linearised about a point, and verified against the compiled model."""
+"""Linearise the equations of motion about a point, and verify the matrices against the compiled model."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Linearization(ShownAsPage):
 
     @property
     def without_inertia(self) -> list[int]:
-        """Indices of the velocities without inertia: row and column of M are zero, and the row of C is not."""
+        """Indices of velocities without inertia: the row and the column of M are zero, and the row of C is not."""
         return [
             k
             for k in range(self.M.rows)
@@ -207,18 +207,19 @@ FALSE_POLE = "Away from equilibrium: the mass matrix is singular here, and next 
 MOST_OPERATIONS = 150
 """Largest number of operations in M, C and K together for determinants in symbols.
 
-Those of 3 coordinates with 112 operations take 0.3 s, those of 2 coordinates with 255 operations some minutes.
+A determinant for 3 coordinates with 112 operations takes 0.3 s, for 2 coordinates with 255 operations some minutes.
 """
 
 SAMPLES = 4  # Number of random values of the symbols at which a mass matrix with long formulas is evaluated
-POLE_DISTANCES = (1e-3, 1e-4, 1e-5)  # Changes of coordinates from a pole to the points at which a force is evaluated
-SAME_SQUARE = 0.9  # Squares of a force that tend to one number near a point differ by less than this factor
+POLE_DISTANCES = (1e-3, 1e-4, 1e-5)
+"""Deviations of coordinates from a pole, at which the force is evaluated near the pole"""
+SAME_SQUARE = 0.9  # Least ratio of the smallest to the largest square of a force near a point that tends to one number
 
 
 def has_inertia(lin: Linearization) -> bool:
-    """Return True if the mass matrix M is regular, as it is wherever the coordinates are regular.
+    """Return True if the mass matrix M is regular.
 
-    A matrix with long formulas is regular if its rank is full at some of `SAMPLES` random values of its symbols.
+    A matrix with long formulas is regular if its rank is full at one of `SAMPLES` random values of its symbols.
     """
     if not has_long_formulas(lin):
         return not is_zero(lin.M.det(method="berkowitz"))
@@ -235,11 +236,11 @@ def has_long_formulas(lin: Linearization) -> bool:
 
 
 def is_false_pole(point: StatedPoint) -> bool:
-    """Return True for a pole of the coordinates, such as theta = 0 on a sphere, that is not in balance.
+    """Return True for a pole of the coordinates, such as theta = 0 on a sphere, where the system is not in balance.
 
-    The mass matrix M is singular there, and the forces F on the coordinates may vanish without balance. Next to the
-    point the square of a force per mass, F M^-1 F, tends to zero if the point is in balance. The result is True only if
-    it tends to one positive number from several directions, at the values of the parameters or at arbitrary ones.
+    At a pole the mass matrix M is singular, and the forces F on the coordinates may vanish although the body is pushed.
+    Near the pole, F M^-1 F, a squared force per mass, tends to zero if the system is in balance. The result is True
+    only if it tends to one positive number from several directions. A parameter without a value gets an arbitrary one.
     """
     form = point.form
     still = {**dict.fromkeys(form.a, sympy.S.Zero), **dict(zip(form.v, point.v, strict=True))}
@@ -263,9 +264,9 @@ def is_false_pole(point: StatedPoint) -> bool:
 
 
 def masses_at(point: StatedPoint) -> tuple[Any, Any, dict[Any, Any]]:
-    """Return the mass matrix in plain coordinates, the coordinates of a point (n,), and the values of the parameters.
+    """Return (mass matrix as a function of q, values of the coordinates (n,), values of the parameters) at a point.
 
-    A parameter without a value gets an arbitrary one.
+    Velocities have their values at the point. A parameter without a value gets an arbitrary one.
     """
     form, still = point.form, dict(zip(point.form.v, point.v, strict=True))
     known = {p: sympy.Rational(15 + 4 * k, 11) for k, p in enumerate(form.statement.parameters)} | point.numbers
@@ -278,8 +279,8 @@ def _note(
 ) -> str:
     """Return a sentence on the point: an equilibrium, a steady motion, or the unbalanced forces by name.
 
-    `unbalanced` are the residual forces at the point, on the coordinates `names_of_forces`. `balanced` is true if
-    they are zero, and `steady` if the linear equations remain valid along the motion.
+    `unbalanced` are the forces left at the point, and `names_of_forces` their coordinates. `balanced` is true if these
+    forces are zero, `steady` if the linear equations remain valid along the motion.
     """
     form = point.form
     if balanced and steady:
@@ -297,17 +298,23 @@ def _note(
 
 
 INPUT_STEP = 1e-3
-"""Step of an input in the numerical derivative that B is compared with: exact for forces linear in the input."""
+"""Step of an input in the numerical derivative that verifies B.
+
+The derivative is exact for forces that are linear in the input.
+"""
 
 INPUT_ERROR = 1e-5
-"""Largest difference of B from that derivative, relative to the largest entry: allows for curvature over the step."""
+"""Largest difference of B from the numerical derivative, relative to the largest entry.
+
+It leaves room for the curvature of the force over the step.
+"""
 
 
 def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
     """Raise RunError if a linearization differs from the compiled model.
 
-    They are compared at the stated values of the parameters, if all have one. They are also compared at random
-    values, unless the point or the matrices contain decimals.
+    The comparison is at the stated values of the parameters, if all have one. It is repeated at random values, unless
+    the point or the matrices contain decimals.
     """
     statement = point.form.statement
 
@@ -326,8 +333,8 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
 def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> tuple[Any, Any]:
     """Return the rows of A for the rates of x', flattened: from the compiled model, and from the linearization.
 
-    If a column of the input matrix B differs, both versions of that column are returned instead. If the matrices have
-    no real, finite values or are singular, the second result is NaN. `values` maps the parameters and t to numbers.
+    If a column of the input matrix B differs, both versions of this column are returned instead. If a matrix is
+    singular, or not real and finite, the second result is NaN. `values` maps the parameters and t to numbers.
     """
     state = numeric(sympy.Matrix([*point.q, *point.v]), values).ravel()
     mass, damping, stiffness, pushes = (numeric(x, values) for x in (lin.M, lin.C, lin.K, lin.input_matrix))
@@ -351,7 +358,7 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
     jacobian = model.jacobian(time, state, parameters)
 
     def slopes_of(part: slice) -> tuple[Any, Any]:
-        """Return derivatives of the compiled rates `part` by independent coordinates and velocities."""
+        """Return derivatives of the rows `part` of the right-hand side by independent coordinates and velocities."""
         rows = jacobian[part][lin.speeds]
         by_v = rows[:, model.layout.v]
         return rows[:, model.layout.q] @ basis + by_v @ slopes, by_v @ speeds
@@ -386,13 +393,16 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
 
 
 LARGEST_DIFFERENCE = 1e-7
-"""Largest difference from the Jacobian of the compiled model, relative to its largest entry: both have ten digits."""
+"""Largest difference from the Jacobian of the compiled model, relative to its largest entry.
+
+Both are accurate to about ten digits.
+"""
 
 
 def check_turns(lin: Linearization, changes: SmallChanges, point: StatedPoint, model: Model) -> None:
     """Raise RunError if a linearization in small turns of bodies differs from the compiled model.
 
-    They are compared at the stated values of the parameters, if all have one.
+    The comparison is at the stated values of the parameters. It is left out if one has no value.
     """
     statement = point.form.statement
     if set(statement.without_values) - set(point.inputs):
@@ -401,7 +411,7 @@ def check_turns(lin: Linearization, changes: SmallChanges, point: StatedPoint, m
     numbers |= {u: x.xreplace(numbers) for u, x in point.inputs.items()}
     matrices = (lin.M, lin.C, lin.K, lin.basis, lin.velocity_basis, lin.velocity_slope)
     mass, damping, stiffness, basis, speeds, slopes = (numeric(matrix, numbers) for matrix in matrices)
-    turned, bent, turn, turn_rate, turn_bend = (numeric(matrix, numbers) for matrix in changes.carried)
+    turned, bent, turn, turn_rate, turn_bend = (numeric(matrix, numbers) for matrix in changes.turn_matrices)
     state = numeric(sympy.Matrix([*point.q, *point.v]), numbers).ravel()
     jacobian = model.jacobian(0.0, state, {p: float(numbers[p]) for p in statement.parameters})
     # Changes of the small turns, their rates and accelerations, by independent changes of positions and velocities.

@@ -1,4 +1,4 @@
-"""Small oscillations: frequencies and shapes of M x'' + C x' + K x = 0.
+"""Find the modes of small oscillations: frequencies and shapes of M x'' + C x' + K x = 0.
 
 Without C, det(K - w^2 M) = 0 and (K - w^2 M) x = 0; with C, det(M s^2 + C s + K) = 0. Results are symbolic if the
 factors of the determinant have degree 1 or 2. Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed.,
@@ -42,20 +42,24 @@ from lagrange.statement.display import ShownAsPage
 from lagrange.statement.statement import Statement
 
 LARGEST_SYMBOLIC = 4
-"""Largest number of coordinates for symbolic frequencies; the characteristic polynomial of five fills pages."""
+"""Largest number of coordinates for symbolic frequencies: the characteristic polynomial of five fills pages."""
 
 LONGEST_POLYNOMIAL = 3000  # Largest number of operations in a characteristic polynomial that is factored
 
 LONGEST_SIMPLIFIED = 60
-"""Largest number of operations in a formula with roots that SymPy simplifies, in about 0.1 s.
+"""Largest number of operations in a formula with roots that SymPy simplifies.
 
-A longer formula may take hours.
+It takes about 0.1 s. A longer formula may take hours.
 """
 
-NULL_ENTRY = 1e-18  # Entries of a null vector below this fraction of the largest count as zero, in 30 digits
+NULL_ENTRY = 1e-18
+"""Entries of a null vector below this fraction of the largest entry count as zero: rounding of 30 digits"""
 
 SMALL = 1e-7
-"""Frequencies below this fraction of the largest count as zero: w^2 = 0 is computed to about 1e-16."""
+"""Frequencies below this fraction of the largest count as zero.
+
+Their squares are computed to about 1e-16 of the largest square.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +70,7 @@ class Modes(ShownAsPage):
     oscillates and imaginary if it does not. A mode with an imaginary frequency grows if its magnitude exceeds `decay`.
     If `symbolic` is true, frequencies, decays and shapes are formulas; else numbers at the values of the parameters.
     `eigenvalues` are 2n numbers, or empty if a parameter has no value. `stable` is True, False, or None if undecided;
-    `reason` says why.
+    `reason` says why. `linearization` has the matrices M, C and K.
     """
 
     coordinates: tuple[Any, ...]
@@ -89,7 +93,7 @@ class Modes(ShownAsPage):
 
 
 def check_first_order(lin: Linearization, form: PlainForm) -> None:
-    """Raise StatementError for coordinates that have no inertia at any state, and so no vibrations."""
+    """Raise StatementError if a coordinate has no inertia at any state, so that it cannot vibrate."""
     name, coordinates = form.statement.name, form.statement.coordinates
     massless = {q for q, p in zip(coordinates, form.momenta, strict=True) if not p.has(*form.v)}
     names = [name_of(q) for q in lin.velocity_coordinates if q in massless]
@@ -103,7 +107,7 @@ def check_first_order(lin: Linearization, form: PlainForm) -> None:
 
 @dataclass(frozen=True)
 class _Root:
-    """A frequency, its decay, and `value`, the eigenvalue s, from which the shape follows."""
+    """One mode before its shape is computed: `frequency`, `decay`, and the eigenvalue s as `value`."""
 
     frequency: Any
     decay: Any
@@ -178,7 +182,7 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
 def _values_of(*matrices: Any) -> Mapping[Any, Any]:
     """Return distinct, arbitrary numbers for all symbols in matrices, by symbol.
 
-    They serve to sort frequencies if parameters have no values.
+    With these numbers frequencies can be sorted although parameters have no values.
     """
     return distinct_values(s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str))
 
@@ -190,10 +194,10 @@ def eigenvalues(lin: Linearization, values: Mapping[Any, Any]) -> Any:
 
 
 def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
-    """Return the modes in symbols, as roots and shapes, or None.
+    """Return (roots, shapes) of the modes in symbols, or None if they are not found.
 
     The result is None if the determinant is too long, if the matrices contain decimals, or if a factor of the
-    determinant is not solved, as of degree above two.
+    determinant is not solved, such as one of degree above two.
     """
     s = sympy.Dummy("s")
     pencil = lin.M * s**2 + lin.C * s + lin.K
@@ -221,7 +225,7 @@ def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
 def _roots(polynomial: Any, x: Any, even: bool) -> list[_Root] | None:
     """Return the modes that are roots of a polynomial in x, or None if a factor is not solved.
 
-    x is s^2 if `even` (only even powers of s, as without damping), else the eigenvalue s.
+    If `even` is true, x is s^2: only even powers of s occur, as without damping. Else x is the eigenvalue s.
     """
     roots: list[_Root] = []
     for factor, power in sympy.factor_list(polynomial, x)[1]:
@@ -241,7 +245,7 @@ def _roots(polynomial: Any, x: Any, even: bool) -> list[_Root] | None:
 def _of_factor(coefficients: Sequence[Any], even: bool) -> list[_Root] | None:
     """Return the modes of a factor with `coefficients`, the highest power first; None if it is not solved.
 
-    The variable is s^2 if `even`, else s = i w. A factor of degree above two is not solved.
+    The variable is s^2 if `even` is true, else the eigenvalue s. A factor of degree above two is not solved.
     """
     zero = sympy.S.Zero
     if len(coefficients) == 2:
@@ -253,8 +257,8 @@ def _of_factor(coefficients: Sequence[Any], even: bool) -> list[_Root] | None:
         return None
     a, b, c = coefficients
     if even:
-        spread = _root_of(b**2 - 4 * a * c)
-        pair = [_oscillation(_neat((-b + sign * spread) / (2 * a))) for sign in (1, -1)]
+        root = _root_of(b**2 - 4 * a * c)
+        pair = [_oscillation(_neat((-b + sign * root) / (2 * a))) for sign in (1, -1)]
         other = _by_product(simplest(b / a), simplest(c / a))
         return min((pair, other), key=lambda two: size(two[0].frequency)) if other else pair
     decay = simplest(b / (2 * a))
@@ -304,9 +308,9 @@ def _neat(expression: Any) -> Any:
 
 
 def _shape(matrix: Any, skipped: int) -> Any:
-    """Return the null vector of a matrix with index `skipped`, scaled to 1 as first non-zero entry, or None.
+    """Return the null vector number `skipped` of a matrix, scaled to 1 as first non-zero entry.
 
-    It is None if the matrix has fewer null vectors.
+    The result is None if the matrix has no more than `skipped` null vectors.
     """
     adjugate = matrix.adjugate()
     values = _values_of(matrix)
@@ -345,7 +349,7 @@ def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root]
     rigid = list(rows[sizes <= SMALL * max(1e-300, sizes.max())])  # zero is a multiple eigenvalue with few eigenvectors
     listed = []
     for other, i in pairs:
-        # The eigenvalues are complex conjugates, or real and paired lowest with highest: without damping opposite.
+        # Pairs are complex conjugates, or real: lowest with highest, which are opposite without damping.
         value = eigenvalues[i]
         decay, frequency = -(value + other).real / 2, (value - other) / 2j
         shown = sympy.Float(frequency.real) if value.imag > SMALL * largest else sympy.I * sympy.Float(-frequency.imag)

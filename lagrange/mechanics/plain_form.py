@@ -1,4 +1,4 @@
-"""Energies and equations of a statement in plain real symbols, their short forms, and tests that one is zero."""
+"""Rewrite a statement in plain symbols for SymPy; shorten expressions, test whether they are zero, evaluate them."""
 
 from __future__ import annotations
 
@@ -22,13 +22,16 @@ from lagrange.statement.random_states import ALL_KINDS, MOST_DRAWS, SampleKind, 
 from lagrange.statement.statement import Statement
 
 LONGEST_FACTORED = 400
-"""Largest number of operations in an expression that is expanded and factored, in about 0.2 s."""
+"""Largest number of operations in an expression that is expanded and factored: about 0.2 s of work."""
 
 MOST_TERMS = 2_000
-"""Largest number of terms of an expression, multiplied out, that is expanded and factored: one of 1,300 takes 1 s."""
+"""Largest number of terms, after expansion, of an expression that is expanded and factored.
+
+An expression of 1,300 terms takes 1 s.
+"""
 
 MOST_SYMBOLS = 12
-"""Largest number of symbols, functions and roots in an expression that is factored: more take long."""
+"""Largest number of symbols, functions and roots in an expression that is factored: with more it takes long."""
 
 HIGHEST_DEGREE = 100
 """Largest numerator or denominator of an exponent in an expression that is factored: x**3.001 has degree 3001."""
@@ -36,7 +39,10 @@ HIGHEST_DEGREE = 100
 MERGED_TERMS = 20_000  # Largest number of products in merging sines and cosines: about 0.2 s
 
 LARGEST_FRACTION = 10
-"""Largest numerator and denominator of a fraction that is kept in an expression with decimals."""
+"""Largest numerator and denominator of a fraction that is kept in an expression with decimals.
+
+Other fractions become decimals.
+"""
 
 _ANGLES = (sympy.sin, sympy.cos, sympy.tan)
 _INVERSES = (sympy.asin, sympy.acos, sympy.atan)
@@ -66,8 +72,9 @@ def simplest(expression: Any) -> Any:
 def rational_below(expression: Any) -> Any:
     """Return an expression without square roots in its denominator.
 
-    It is unchanged if it is long, or if it has roots within roots or functions, as in |sqrt(a) - b|. A root r of a base
-    b is a symbol with r^2 = b, and the fraction is multiplied by the conjugate of its denominator.
+    A long expression is returned unchanged, and one with roots within roots or functions, as in |sqrt(a) - b|. A root
+    of a base b is replaced by a symbol r with r^2 = b, and the fraction is multiplied by the conjugate of its
+    denominator.
     """
     powers = [x for x in sorted(expression.atoms(sympy.Pow), key=str) if x.exp.is_Rational and x.exp.q == 2]
     roots = {base: sympy.Dummy("r") for base in dict.fromkeys(x.base for x in powers)}
@@ -107,7 +114,7 @@ def in_fractions(expression: Any) -> Any:
 
 
 def in_decimals(expression: Any) -> Any:
-    """Return an expression with decimals in place of fractions whose numerator or denominator has too many digits."""
+    """Return an expression with decimals in place of fractions that contain numbers above LARGEST_FRACTION."""
     fractions = [x for x in sorted(expression.atoms(sympy.Rational), key=str) if max(abs(x.p), x.q) > LARGEST_FRACTION]
     return expression.xreplace({x: sympy.Float(float(x)) for x in fractions if x.q > 1})
 
@@ -130,7 +137,7 @@ def _generators(expression: Any) -> int:
 
 
 def term_count(expression: Any) -> int:
-    """Return the largest number of terms that an expression may have after expansion; a function counts as one."""
+    """Return the largest number of terms that an expression may have after expansion; a function is one term."""
     if expression.is_Add:
         return sum(map(term_count, expression.args))
     if expression.is_Mul:
@@ -142,7 +149,7 @@ def term_count(expression: Any) -> int:
 
 
 def multiplied_out(expression: Any) -> Any:
-    """Return an expression multiplied out; unchanged if it is long, or would be then."""
+    """Return an expression after expansion; return a long one, or one that would become long, unchanged."""
     few = size(expression) <= LONGEST_FACTORED and term_count(expression) <= MOST_TERMS
     return sympy.expand(expression) if few else expression
 
@@ -160,11 +167,17 @@ def is_zero(expression: Any) -> bool:
 STATES = 3  # Number of random states at which an expression must be zero to count as identically zero
 
 RESIDUAL = 1e-20
-"""Largest value of an expression that is zero, relative to its terms: two thirds of the `FORMULA_DIGITS` computed."""
+"""Largest rounding error of an expression that is zero, relative to its terms.
+
+Values have FORMULA_DIGITS digits; the limit is two thirds of them.
+"""
 
 
 def vanishes(form: PlainForm, expression: Any, kinds: Sequence[SampleKind] = ALL_KINDS) -> bool:
-    """Return True if an expression is zero at random samples of these kinds; with too few values SymPy decides."""
+    """Return True if an expression is zero at random states of the given `kinds`.
+
+    If it has a value at too few states, SymPy decides.
+    """
     if expression == 0:
         return True
     points = random_points(form.statement, seed=7, kinds=kinds)
@@ -173,7 +186,7 @@ def vanishes(form: PlainForm, expression: Any, kinds: Sequence[SampleKind] = ALL
 
 
 def vanishes_in_symbols(expression: Any) -> bool:
-    """Return True if an expression is zero at random values of all its symbols; False if it has no values."""
+    """Return True if an expression is zero at random values of its symbols; False if it cannot be evaluated."""
     draw = random.Random(7)
     symbols = sorted(expression.free_symbols, key=str)
     values = ({x: sympy.Rational(draw.randrange(64, 256), 128) for x in symbols} for _ in range(MOST_DRAWS))
@@ -187,9 +200,10 @@ def _is_rounding(expression: Any, values: Mapping[Any, Any]) -> bool | None:
 
 
 def size_of_terms(expression: Any, values: Mapping[Any, Any]) -> float:
-    """Return the magnitude of the terms of an expression: each sum in it is replaced by the sum of magnitudes.
+    """Return the magnitude of the terms of an expression, to which its rounding error is proportional.
 
-    Rounding is relative to this number, not to the value: in (x - y) z the two terms of the first factor may cancel.
+    Each sum in the expression is replaced by the sum of magnitudes: in (x - y) z the two terms of the first factor may
+    cancel.
     """
     if expression.is_Add:
         return sum(size_of_terms(term, values) for term in expression.args)
@@ -201,21 +215,21 @@ def size_of_terms(expression: Any, values: Mapping[Any, Any]) -> float:
 
 
 MOST_NODES = 15_000
-"""Largest number of nodes of the expressions that one analysis shortens, as trees: some 15 s of work."""
+"""Largest number of nodes, in all expression trees, that one analysis shortens: about 15 s of work."""
 
 
 class Shortener:
-    """Computes short forms of expressions, within a bound on their total size.
+    """Computes short forms of expressions, up to a limit on their total size.
 
-    `what` names all these expressions in the error beyond the bound. `vanishes` returns True for an expression that is
-    identically zero.
+    `what` names the expressions in the error message beyond the limit. `vanishes` returns True for an expression that
+    is identically zero.
     """
 
     def __init__(self, what: str, vanishes: Callable[[Any], bool]) -> None:
         self.what, self.vanishes, self.nodes = what, vanishes, 0
 
     def short(self, expression: Any) -> Any:
-        """Return an expression in a short form; 0 if it vanishes. Raises StatementError beyond the bound."""
+        """Return an expression in a short form; 0 if it vanishes. Raises StatementError beyond the limit."""
         if not expression.args:
             return expression
         tree = sympy.preorder_traversal(expression)
@@ -235,7 +249,7 @@ class Shortener:
         return result
 
     def solved(self, matrix: Any, right: Any) -> Any:
-        """Return X with matrix X = right, by elimination with short pivots. Raises ZeroDivisionError if singular."""
+        """Return X with `matrix` X = `right`, by elimination. Raises ZeroDivisionError if the matrix is singular."""
         m, short = matrix.rows, self.short
         wide = sympy.Matrix.hstack(matrix, right)
         for j in range(m):
@@ -260,7 +274,7 @@ FORMULA_DIGITS = 30
 
 @dataclass(frozen=True, eq=False)
 class PlainForm:
-    """Energies, momenta and equations of a statement, in symbols q, v, a in place of functions of time.
+    """Energies, momenta and equations of a statement, in plain symbols q, v, a instead of functions of time.
 
     q are coordinates, v velocities and a accelerations. The residual of coordinate i is dp_i/dt - dL/dq_i + dD/dv_i -
     Q_i, without the forces of constraints.
@@ -270,7 +284,7 @@ class PlainForm:
 
     @cached_property
     def plain(self) -> Mapping[Any, Any]:
-        """Replacement of coordinates, velocities and accelerations by their symbols."""
+        """Mapping {coordinate, velocity or acceleration: its plain symbol}."""
         return self.statement.plain
 
     @cached_property
@@ -359,7 +373,7 @@ def time_derivative(expression: Any, plain: Mapping[Any, Any]) -> Any:
 
 
 def number(expression: Any, values: Mapping[Any, Any]) -> complex:
-    """Return the value of an expression in plain symbols. NaN if it has none, or contains an undefined function."""
+    """Return the value of an expression in plain symbols; NaN if it has no value, or contains an undefined function."""
     formula = prescribed(printable(expression))
     if formula.has(AppliedUndef):
         return complex("nan")

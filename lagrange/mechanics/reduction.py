@@ -1,4 +1,4 @@
-"""Systems with fewer coordinates or parameters: constraints are eliminated, and parameters replaced by expressions."""
+"""Derive a system with fewer coordinates or parameters: eliminate constraints, substitute parameters."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ def rewritten(
 ) -> Statement:
     """Return a new statement: the old one with the function `put` applied to each of its expressions.
 
-    If rotations remain, their entries and rates occur in the energies and forces by name, such as R_xx(t). Arguments
-    that are None leave their part as stated. `coordinates` are the new coordinates. `forces` are new forces, to which
-    `put` is not applied. `constraints` are the old constraints that remain; `put` is applied to them. `parameters`
-    are all parameters of the new expressions, {symbol: value or None}. `initial` is the new initial state, by
-    coordinate and velocity. Raises StatementError if the result is not a valid statement.
+    An argument that is None leaves its part as stated. `coordinates` are the new coordinates. `forces` are new forces,
+    to which `put` is not applied. `constraints` are the old constraints that remain; `put` is applied to them.
+    `parameters` are all parameters of the new expressions, {symbol: value or None}. `initial` is the new initial state,
+    by coordinate and velocity. If rotations remain, expressions contain their entries and rates by name, such as
+    R_xx(t). Raises StatementError if the result is not a valid statement.
     """
     chosen = statement.coordinates if coordinates is None else tuple(coordinates)
     left = {c.name for c in (statement.constraints if constraints is None else constraints)}
@@ -48,7 +48,7 @@ def rewritten(
         forces = {key: put(force) for key, force in read.applied.items()}
     if parameters is None:
         parameters = {p: statement.defaults.get(p) for p in statement.parameters}
-    parameters = {p: parameters[p] for p in (*statement.defaults, *parameters) if p in parameters}  # as stated
+    parameters = {p: parameters[p] for p in (*statement.defaults, *parameters) if p in parameters}  # in stated order
     if initial is None:
         initial = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
     names = ["lagrangian"] if read.lagrangian_alone else ["kinetic", "potential"]
@@ -83,9 +83,9 @@ def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
 
 
 def with_origin(derived: Statement, statement: Statement) -> Statement:
-    """Return the statement `derived` with texts, run settings and dimensions of the original, `statement`.
+    """Return the statement `derived` with the texts, run settings and dimensions of `statement`, its original.
 
-    The events in the run settings are left out.
+    Events are left out of the run settings.
     """
     left = {t, *derived.coordinates, *derived.parameters}
     sizes = MappingProxyType({symbol: size for symbol, size in statement.dimensions.items() if symbol in left})
@@ -97,9 +97,9 @@ def with_origin(derived: Statement, statement: Statement) -> Statement:
 def substituted(statement: Statement, replacements: Mapping[Any, Any]) -> Statement:
     """Return the statement with expressions in place of some parameters; keys are symbols or names.
 
-    Parameters that only the expressions contain are new, and have no value. Raises StatementError for a key that is not
-    a parameter, and for an expression in coordinates or time, whose derivatives would be missing in the equations. A
-    function of time may also be a key, with values as for `lagrange.given`.
+    A function of time may also be a key, with values as for `lagrange.given`. Parameters that occur only in the new
+    expressions have no value. Raises StatementError for a key that is not a parameter, and for an expression in
+    coordinates or time, whose derivatives would be missing in the equations.
     """
     if not isinstance(replacements, Mapping) or not replacements:
         raise StatementError(
@@ -170,8 +170,8 @@ def reduced(statement: Statement, requests: Sequence[Any]) -> Statement:
 def _requests(request: Any, statement: Statement) -> list[tuple[str, Any]]:
     """Return (name, expression or None) for each coordinate that a user's request eliminates.
 
-    A request is a coordinate, its name, the name of a constraint, or a dict {coordinate: expression}. Only a
-    dict gives expressions; else a constraint is to be solved for the coordinate.
+    A request is a coordinate, its name, the name of a constraint, or a dict {coordinate: expression}. If the expression
+    is None, a constraint is to be solved for the coordinate.
     """
     if isinstance(request, Mapping):
         return [(coordinate_name(key, statement.names), value) for key, value in request.items()]
@@ -197,7 +197,7 @@ def _coordinate_of(constraint: Constraint, statement: Statement) -> str:
 
 
 def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
-    """Return the expression, in plain symbols, of the coordinate `name` that a constraint determines, or None.
+    """Return the coordinate `name` as an expression in plain symbols, from a constraint.
 
     The result is None unless the constraint determines the coordinate uniquely.
     """
@@ -241,9 +241,10 @@ def _without(statement: Statement, name: str, replacement: Any) -> Statement:
 
 
 def _check_initial(statement: Statement, name: str, solved: Any) -> None:
-    """Raise StatementError if the initial value of a coordinate or velocity differs from its expression, `solved`.
+    """Raise StatementError if initial values contradict `solved`, the expression for the coordinate `name`.
 
-    Values of zero are not compared, since zero is the default. Nothing is compared if a parameter has no value.
+    The coordinate and its velocity are compared. Zeros are not, since zero is the default; and nothing is compared if a
+    parameter has no value.
     """
     plain, n = statement.plain, len(statement.coordinates)
     state = zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True)
@@ -265,9 +266,9 @@ def _check_initial(statement: Statement, name: str, solved: Any) -> None:
 
 
 def _refusal(constraints: Sequence[Constraint], name: str, statement: Statement) -> str:
-    """Return the error message for a coordinate, `name`, that none of the constraints in which it occurs determines.
+    """Return the error message for a coordinate, `name`, that no constraint determines.
 
-    `constraints` are the constraints in which it occurs; there may be none.
+    `constraints` are the constraints that contain the coordinate; the list may be empty.
     """
     if not constraints:
         return f"{name} is in no constraint, so it cannot be eliminated: it moves freely."
@@ -301,9 +302,10 @@ def _on_velocities(names: Sequence[str]) -> str:
 def _checked(
     constraints: Sequence[Constraint], name: str, replacement: Any, statement: Statement
 ) -> tuple[Constraint, Any]:
-    """Return the constraint that a user's expression for a coordinate solves, and the expression in plain symbols.
+    """Return the constraint that a user's expression solves for a coordinate, and the expression in plain symbols.
 
-    All `constraints` contain the coordinate. Raises StatementError if the expression solves none of them.
+    `name` is the coordinate, and `replacement` the expression. All `constraints` contain the coordinate. Raises
+    StatementError if the expression solves none of them.
     """
     what, q = f"the value of {name}", statement.coordinates[statement.names.index(name)]
     stated = in_own_parameters(expression(replacement, what), statement.parameters)

@@ -1,4 +1,4 @@
-"""Equations solved in symbols, one unknown after another, or numerically from many starts.
+"""Solve equations for real roots: in symbols, one unknown after another, or numerically from many starts.
 
 In symbols every factor of an equation is a branch. A factor is solved if it is linear in an unknown, or of degree two
 in the unknown, its sine or its cosine. If no such factor is left, polynomial equations of low degree are solved
@@ -25,17 +25,20 @@ MOST_BRANCHES = 64  # Largest number of branches that are followed; n factors in
 LONGEST_EQUATION = 400  # Largest number of operations in an equation that is factored
 
 LONGEST_SYSTEM = 500
-"""Largest number of operations in all equations: those of seven attracting bodies take minutes, without success."""
+"""Largest number of operations in all equations together.
+
+The equations of seven attracting bodies take minutes, without success.
+"""
 
 HIGHEST_DEGREE = 8
-"""Largest product of the degrees of polynomial equations that are solved together by Groebner bases."""
+"""Largest product of the degrees of polynomial equations that are solved together, by Groebner bases."""
 
 LONGEST_VALUE = 100
 """Largest number of operations in a root of polynomial equations: longer ones take minutes to simplify."""
 
 
 class GivenUpError(Exception):
-    """The equations cannot be solved by the methods of this module."""
+    """Raised if equations cannot be solved in symbols by the methods of this module."""
 
 
 def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[dict[Any, Any]] | None:
@@ -60,7 +63,7 @@ def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[dict[Any, 
 
 
 def _is_complex(value: Any) -> bool:
-    """Return True if a value is infinite, or is not real whatever the values of the parameters are."""
+    """Return True if a value is infinite, or is complex for all values of the parameters."""
     if value.is_extended_real is False or value.has(sympy.zoo, sympy.nan, sympy.oo):
         return True
     return bool(value.is_number) and abs(complex(printable(value).evalf(20)).imag) > 1e-12
@@ -69,7 +72,7 @@ def _is_complex(value: Any) -> bool:
 def _follow(
     equations: Sequence[Any], unknowns: tuple[Any, ...], known_values: dict[Any, Any], branches_left: list[int]
 ) -> list[dict[Any, Any]]:
-    """Return the solutions {unknown: value} of the remaining equations; each contains the known values, too.
+    """Return the solutions {unknown: value} of the remaining equations, each together with `known_values`.
 
     `branches_left` is a list with one entry, the number of branches that may still be tried. Raises GivenUpError if an
     equation is too long or no branch is left.
@@ -150,7 +153,10 @@ def _of_one(factor: Any, x: Any) -> list[tuple[Any, Any]] | None:
 
 
 def _angle(factor: Any, x: Any, functions: Sequence[Any]) -> list[tuple[Any, Any]] | None:
-    """Return [(x, value)] for the zeros of a polynomial in sines and cosines of one argument, or None."""
+    """Return [(x, value)] for the zeros of a factor in sines, cosines or tangents of x; None if it is not solved.
+
+    `functions` are the sines, cosines and tangents in the factor.
+    """
     arguments = list(dict.fromkeys(f.args[0] for f in functions))
     if len(arguments) > 1:
         whole = sympy.expand_trig(factor)
@@ -191,7 +197,10 @@ def _inverse(function: Any, value: Any) -> list[Any]:
 
 
 def _tangent(factor: Any, argument: Any) -> list[Any] | None:
-    """Return the two angles in one period at which a sin + b cos is zero; None for a factor of another form."""
+    """Return the two angles in one period at which `factor`, a sin + b cos of `argument`, is zero.
+
+    The result is None for a factor of another form.
+    """
     s, c = sympy.sin(argument), sympy.cos(argument)
     first, second = sympy.Symbol("first"), sympy.Symbol("second")
     whole = sympy.expand(factor.xreplace({s: first, c: second}))
@@ -217,15 +226,18 @@ def _roots(polynomial: Any, x: Any) -> list[Any] | None:
             values.append(simplest(-coefficients[1] / coefficients[0]))
         elif len(coefficients) == 3:
             a, b, c = coefficients
-            spread = sympy.sqrt(simplest(b**2 - 4 * a * c))
-            values += [simplest((-b + sign * spread) / (2 * a)) for sign in (1, -1)]
+            root = sympy.sqrt(simplest(b**2 - 4 * a * c))
+            values += [simplest((-b + sign * root) / (2 * a)) for sign in (1, -1)]
         else:
             return None
     return values
 
 
 def _together(equations: Sequence[Any], unknowns: Sequence[Any], known_values: dict[Any, Any]) -> list[dict[Any, Any]]:
-    """Return the solutions of polynomial equations of low degree, with the known values. Raises GivenUpError."""
+    """Return the solutions of polynomial equations of low degree, each together with `known_values`.
+
+    Raises GivenUpError for other equations, and for roots that may be complex or are too long.
+    """
     present = [x for x in unknowns if any(e.has(x) for e in equations)]
     if not all(e.is_polynomial(*present) for e in equations) or len(equations) != len(present):
         raise GivenUpError
@@ -251,7 +263,7 @@ def _together(equations: Sequence[Any], unknowns: Sequence[Any], known_values: d
 
 STARTS = 256  # Number of starting points of a numerical search
 NEWTON_STEPS = 60  # Largest number of Newton steps from each start; near a root five suffice
-CONVERGED_STEP = 1e-9  # Largest last Newton step of a converged start, relative to 1 plus the largest unknown
+CONVERGED_STEP = 1e-9  # Largest last Newton step at convergence, relative to 1 plus the largest unknown
 SMALL = 1e-8  # Largest residual at a root, relative to the typical residuals at the starts
 
 WITHIN = 1e-3
@@ -260,22 +272,28 @@ WITHIN = 1e-3
 It rejects end points far out, where a residual is small but never zero.
 """
 
-SAME_ROOT = 1e-6  # Largest distance, in the same measure, between two end points that count as the same root
+SAME_ROOT = 1e-6  # Largest distance of end points that are the same root, relative to 1 plus the largest unknown
 
 FLAT = 1e-6
-"""Ratio of the least to the largest singular value of the slopes below which an end point is flat, as for y^3 at 0."""
+"""Flatness of an end point: least ratio of the smallest to the largest singular value of the slopes.
+
+Below this ratio the root is multiple, such as y = 0 of y^3.
+"""
 
 SAME_FLAT = 1e-3
-"""As `SAME_ROOT`, for flat end points, since y^3 determines y to about 1e-4. That of smallest residual is kept."""
+"""Largest distance of multiple roots that count as one, in place of SAME_ROOT: y^3 determines y to about 1e-4.
+
+The end point of smallest residual is kept.
+"""
 
 
 def numeric_roots(
     equations: Sequence[Any], unknowns: Sequence[Any], start: FloatArray, angles: Sequence[bool], helpers: int = 0
 ) -> list[FloatArray]:
-    """Return the solutions (k,) of equations, found numerically by Newton's method from many starts, sorted.
+    """Return the solutions (k,) of equations, found by Newton's method from many starts, sorted.
 
-    The last `helpers` unknowns, such as multipliers, are left out of the results. `start` (k,) is the first start, and
-    `angles` is true for unknowns of period 2 pi.
+    `start` (k,) is the first start, and `angles` (k,) is true for unknowns of period 2 pi. The last `helpers` unknowns,
+    such as multipliers, are left out of the results.
     """
     k, turning = len(start), np.array(angles, dtype=bool)
     scale = np.where(turning, 1.0, max(1.0, float(np.abs(start).max(initial=0.0))))
@@ -292,7 +310,7 @@ def numeric_roots(
         residuals, slopes = system.at(x)
         largest, steepest = np.abs(residuals).max(axis=0), np.abs(slopes).max(axis=(1, 2))
         near = largest < WITHIN * steepest * (1 + np.abs(x).max(axis=0))
-        near |= (largest == 0) & (np.abs(x) <= scale[:, None]).all(axis=0)  # at a corner, which has no slope
+        near |= (largest == 0) & (np.abs(x) <= scale[:, None]).all(axis=0)  # a root at a corner may have no slope
     ends, flat = list[FloatArray](), list[bool]()
     for i in sorted(np.flatnonzero(good & near), key=lambda i: float(largest[i])):
         root, sizes = _wrapped(x[:k, i], turning), np.linalg.svd(slopes[i], compute_uv=False)
@@ -305,7 +323,7 @@ def numeric_roots(
 
 
 def _wrapped(x: FloatArray, turning: Any) -> FloatArray:
-    """Return the unknowns x, with angles reduced to (-pi, pi], and values below 1e-12 replaced by zero.
+    """Return the unknowns x with angles reduced to (-pi, pi], and values below 1e-12 replaced by zero.
 
     `turning` is true for unknowns that are angles.
     """
@@ -332,9 +350,9 @@ class _NumericEquations:
         return rows[:m], np.moveaxis(rows[m:].reshape(m, k, columns), 2, 0)
 
     def newton(self, x: FloatArray, longest: FloatArray) -> tuple[FloatArray, Any]:
-        """Return the end points (k, N) of Newton's method from the columns of x (k, N), and where it converged, (N,).
+        """Run Newton's method from each column of x (k, N); return the end points (k, N) and a mask (N,).
 
-        A step changes each unknown by at most its entry in `longest` (k,).
+        The mask is true where the method converged. A step changes each unknown by at most its entry in `longest` (k,).
         """
         good, limit = np.zeros(x.shape[1], dtype=bool), 0.0
         for _ in range(NEWTON_STEPS):

@@ -1,12 +1,13 @@
-"""Algebra of linearization: M, C, K in independent coordinates, with constraints, turns of bodies and inputs.
+"""Compute M, C and K of a linearization in independent coordinates, for constraints, rotations and inputs.
 
-With constraints the equations are expanded in independent coordinates and velocities. The residual is r(q, v, a) - G^T
-lambda, the velocity constraints are psi(q, v) = 0 (a holonomic one differentiated), G = dpsi/dv and P = dpsi/dq.
-Changes of positions are dq = B z, with B in the null space of the gradients of the holonomic constraints. Changes of
-velocities are dv = N u + L z, with G N = 0 and G L = -P B. In the rows of independent coordinates B and N have the rows
-of a unit matrix, and L zeros; the rows of dv give z'. The rate of dv along the motion is the change of the
-accelerations. N^T times the change of the residual is free of changes of lambda. Source: A. L. Schwab, J. P. Meijaard,
-Dynamics of flexible multibody systems with non-holonomic constraints, Multibody System Dynamics 10, 2003.
+The residual of the equations is r(q, v, a) - G^T lambda. The constraints on velocities are psi(q, v) = 0; a constraint
+on positions is differentiated. G = dpsi/dv and P = dpsi/dq. Changes of positions are dq = B z, where z are the changes
+of independent coordinates, and B spans the null space of the gradients of constraints on positions. Changes of
+velocities are dv = N u + L z, where u are the changes of independent velocities, G N = 0 and G L = -P B. For
+independent coordinates the rows of B and N are those of a unit matrix, the rows of L are zero, and the rows of dv are
+z'. The rate of dv along the motion is the change of the accelerations. N^T times the change of the residual is free of
+changes of lambda. Source: A. L. Schwab, J. P. Meijaard, Dynamics of flexible multibody systems with non-holonomic
+constraints, Multibody System Dynamics 10, 2003.
 
 Rotations change by small turns x of the bodies about their own axes: dq = S x, dv = S x' + S' x, da = S x'' + 2 S' x' +
 S'' x. So M, C, K of the entries of quaternions become S^T M S, S^T (2 M S' + C S) and S^T (M S'' + C S' + K S). A body
@@ -35,7 +36,7 @@ from lagrange.statement.rotation import quaternion_rows
 from lagrange.statement.space import body_rates, velocities_at, x, y, z
 
 ELIMINATION_ROUNDING = 1e-9
-"""Part of the largest entry of a row below which an entry left by elimination counts as zero."""
+"""Rounding error of elimination, relative to the largest entry of a row: smaller entries count as zero."""
 
 Rows = Sequence[Sequence[Node]]
 
@@ -43,11 +44,11 @@ Rows = Sequence[Sequence[Node]]
 class SmallChanges(NamedTuple):
     """Linear equations of small changes about a point: M u' + C u + K z = (input matrix) u_input.
 
-    z are the changes of independent coordinates, and u those of independent velocities; z' are the rows `positions`
-    of N u + L z. `matrices` has M, C, K, the input matrix, and B, N and L of the module's description, by their names
-    in `Linearization`. `positions` are the indices of the independent coordinates, `speeds` of the coordinates with
+    z are the changes of independent coordinates, and u of independent velocities; the entries `positions` of N u + L z
+    are z'. `matrices` has M, C, K, the input matrix, and B, N and L of the module's description, by their names in
+    `Linearization`. `positions` are the indices of the independent coordinates, `speeds` of the coordinates with
     independent velocities. `unbalanced` are the residual forces along these velocities at the point. `rates` are all
-    velocities at the point; those of a body are its rates of rotation. `carried` are the matrices `turned` and `bent`
+    velocities at the point, and for a body its rates of rotation. `turn_matrices` are the matrices `turned` and `bent`
     of `TangentMotion`, then S, S' and S'' of the module's description.
     """
 
@@ -56,11 +57,11 @@ class SmallChanges(NamedTuple):
     speeds: list[int]
     unbalanced: Sequence[Any]
     rates: Sequence[Any]
-    carried: tuple[Any, ...]
+    turn_matrices: tuple[Any, ...]
 
 
 class AtPoint:
-    """Evaluates expressions of a system, given as nodes of its expression graph, at the expansion point."""
+    """Evaluates expressions of a system, which are nodes of its expression graph, at the expansion point."""
 
     def __init__(self, point: StatedPoint) -> None:
         self.point, self.form, self.statement = point, point.form, point.form.statement
@@ -81,9 +82,9 @@ class AtPoint:
         self.shortener = Shortener(f"the linear equations of {self.statement.name} about this point", vanishes)
 
     def matrix(self, rows: Rows, columns: int) -> Any:
-        """Return the values of graph nodes at the expansion point, as a matrix of SymPy expressions in parameters.
+        """Return the values of `rows` of graph nodes at the expansion point, as a SymPy matrix in parameters.
 
-        `rows` are its rows of nodes, and `columns` is the number of its columns.
+        `columns` is the number of columns, also if there are no rows.
         """
         try:
             nodes = substitute([x for row in rows for x in row], self.here)
@@ -107,7 +108,10 @@ class AtPoint:
         )
 
     def joined(self, *products: tuple[Any, ...]) -> Any:
-        """Return the sum of products of matrices. Unit matrices are left out, and products with a zero matrix."""
+        """Return the sum of products of matrices; each argument has the factors of one product.
+
+        Products with a zero matrix and factors that are unit matrices are skipped.
+        """
         total = sympy.zeros(products[0][0].rows, products[0][-1].cols)
         for factors in products:
             if any(factor.is_zero_matrix for factor in factors):
@@ -118,10 +122,10 @@ class AtPoint:
         return total
 
     def turning(self, column: Sequence[Any], factor: int) -> Any:
-        """Return the matrix that maps small turns of bodies and changes of other coordinates to changes of all.
+        """Return the matrix from small turns of bodies and changes of other coordinates to changes of all coordinates.
 
-        The values of the coordinates, `column`, determine the changes of quaternions. Other changes are multiplied by
-        `factor`.
+        `column` are the values of all coordinates, which determine the changes of quaternions. Other coordinates have
+        the entry `factor`: 1, or 0 for a derivative of the matrix in time.
         """
         coordinates, matrix = self.statement.coordinates, sympy.zeros(self.n, len(self.read))
         for j, q in enumerate(self.read):
@@ -134,7 +138,7 @@ class AtPoint:
         return matrix
 
     def speeds(self, q: Sequence[Any], v: Sequence[Any]) -> list[Any]:
-        """Return the velocities of small turns and of other coordinates, from coordinates and velocities."""
+        """Return the body rates and the velocities of other coordinates, from all coordinates q and velocities v."""
         of_turns: dict[Any, Any] = {}
         for each, rows in self.bodies:
             rates = body_rates([q[i] for i in rows], [v[i] for i in rows])
@@ -158,9 +162,9 @@ class AtPoint:
 
 
 class DependentCoordinates:
-    """Independent rows G (m, n) of constraint gradients at a point, and m dependent coordinates chosen for them.
+    """Independent rows G (m, n) of constraint gradients at a point, and m dependent coordinates chosen for these rows.
 
-    The columns of G for the dependent coordinates are a regular matrix.
+    The columns of G for the dependent coordinates are a regular matrix. `kept` are the indices of the rows.
     """
 
     def __init__(self, shortener: Shortener, gradient: Any) -> None:
@@ -177,7 +181,7 @@ class DependentCoordinates:
         return self.shortener.solved(columns, sympy.eye(m))
 
     def solved(self, right: Any) -> Any:
-        """Return the matrix X with G X = -`right`. It has n rows, and those of independent coordinates are zero."""
+        """Return the matrix X with G X = -`right`. It has n rows; rows of independent coordinates are zero."""
         whole = sympy.zeros(self.n, right.cols)
         if self.kept:
             below = self.shortener.product(-self.inverse, right)
@@ -197,7 +201,7 @@ class DependentCoordinates:
 
 
 def _pivots(gradient: Any) -> tuple[list[int], list[int]]:
-    """Return indices of independent rows of a matrix, and of the leftmost columns in which these rows are regular."""
+    """Return indices of independent rows of a matrix, and of the leftmost columns that make these rows regular."""
     symbols = sorted(gradient.free_symbols, key=str)
     left = numeric(gradient, {s: sympy.Rational(13 + 7 * k, 10 + k) for k, s in enumerate(symbols)})
     rows: list[int] = []
@@ -246,9 +250,9 @@ def small_changes(point: StatedPoint) -> SmallChanges:
     N = speeds.null_space
     reduced = product(N.T, mass, N)
     rest = join((S.T, at_point.matrix([[h] for h in e.bias], 1)))
-    carried = speeds.solved(at_point.matrix([[gamma] for gamma in kept.bias], 1))
-    unbalanced = product(N.T, rest - product(mass, carried))
-    pushed = carried + product(N, _driven(at_point, reduced, unbalanced))
+    constrained = speeds.solved(at_point.matrix([[gamma] for gamma in kept.bias], 1))
+    unbalanced = product(N.T, rest - product(mass, constrained))
+    pushed = constrained + product(N, _driven(at_point, reduced, unbalanced))
     rates = at_point.speeds(q, v)
     accelerations = join((S, pushed), (S_rate, sympy.Matrix(rates)))
     at_point.here |= {a: e.translate(x) for a, x in zip(at_point.a, accelerations, strict=True)}
@@ -267,8 +271,8 @@ def small_changes(point: StatedPoint) -> SmallChanges:
     pushes = product(-N.T, join((S.T, at_point.matrix(at_point.slopes(residuals, inputs), len(inputs)))))
     matrices = {"M": reduced, "C": C, "K": K, "input_matrix": pushes}
     matrices |= {"basis": motion.B, "velocity_basis": N, "velocity_slope": motion.L}
-    carried_by = (motion.turned, motion.bent, *turns)
-    return SmallChanges(matrices, positions.independent, speeds.independent, unbalanced, rates, carried_by)
+    turn_matrices = (motion.turned, motion.bent, *turns)
+    return SmallChanges(matrices, positions.independent, speeds.independent, unbalanced, rates, turn_matrices)
 
 
 class TangentMotion:
@@ -276,9 +280,9 @@ class TangentMotion:
 
     z are changes of independent coordinates, and u of independent velocities. B, N, L, `turned` and `bent` are
     matrices. `speeds` and `positions` choose the dependent velocities and the dependent coordinates. `levels` are the
-    constraints on velocities. `gradients` are two pairs of nodes and their values at the point: the gradients of
-    `levels` by velocities, and those of holonomic constraints by coordinates. `turns` are the matrix S of
-    `AtPoint.turning` and its first two derivatives in time.
+    constraints on velocities. `gradients` are two pairs (nodes, values at the point): the gradients of `levels` by
+    velocities, and the gradients of holonomic constraints by coordinates. `turns` are the matrix S of `AtPoint.turning`
+    and its first two derivatives in time.
     """
 
     def __init__(
@@ -342,7 +346,7 @@ def _check(at_point: AtPoint) -> None:
 def _driven(at_point: AtPoint, mass: Any, unbalanced: Any) -> Any:
     """Return the accelerations of independent velocities that `unbalanced` forces cause.
 
-    `mass` is the mass matrix of these velocities.
+    `mass` is the mass matrix of these velocities. Raises StatementError if it is singular.
     """
     if unbalanced.is_zero_matrix or (at_point.point.decimal and all(at_point.point.is_zero(x, ()) for x in unbalanced)):
         return sympy.zeros(*unbalanced.shape)

@@ -1,4 +1,4 @@
-"""Stability of equilibria, and eigenvalues as functions of a parameter."""
+"""Decide whether an equilibrium is stable, and follow eigenvalues over values of a parameter."""
 
 from __future__ import annotations
 
@@ -43,16 +43,20 @@ from lagrange.statement.parameters import parameter_name
 from lagrange.statement.statement import Statement
 
 REAL_PART = 1e-6
-"""Real parts below this fraction of the largest eigenvalue count as zero: double eigenvalues are accurate to 1e-8."""
+"""Real parts below this fraction of the largest eigenvalue count as zero.
 
-LARGEST_DEGREE = 100  # Largest denominator of the degree of a term of the dissipation, such as 3/2
-SAME_PLACE = 1e-9  # Momenta of a change of place below this fraction of the largest inertia are rounding
+A double eigenvalue is accurate only to 1e-8.
+"""
+
+LARGEST_DEGREE = 100  # Largest denominator of the degree in velocities of a term of the dissipation, such as 3/2
+SAME_PLACE = 1e-9
+"""Threshold for two points at one pole: largest M dq for their difference dq, relative to the largest entry of M"""
 DEFINITE = 1e-9  # Eigenvalues of a symmetric matrix below this fraction of its largest entry count as zero
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Stability of an equilibrium, `stable`: True, False, or None if undecided. `reason` is a sentence."""
+    """Stability of an equilibrium: `stable` is True, False, or None if undecided; `reason` is a sentence."""
 
     stable: bool | None
     reason: str
@@ -83,9 +87,9 @@ def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
 def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False) -> Verdict:
     """Return the stability of an equilibrium.
 
-    It follows from eigenvalues if all parameters have values, else from signs that SymPy can prove, if the formulas are
-    not too long. `axial` is true if the system stays the same when the two coordinates that are not ignorable turn
-    about the equilibrium.
+    If all parameters have values, eigenvalues and the energy decide. Else signs that SymPy can prove decide, if the
+    formulas are not too long. `axial` is true if the system is symmetric about the equilibrium in the plane of the two
+    coordinates that are not ignorable.
     """
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
@@ -97,7 +101,7 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
                 "states of first order have no energy, so eigenvalues decide on stability: give values of all "
                 "parameters.",
             )
-        rates = numeric(lin.A, values)  # of d/dt x = A x
+        rates = numeric(lin.A, values)
         if np.iscomplexobj(rates) or not np.isfinite(rates).all():
             return Verdict(None, NO_POINT)
         return _verdict_of_eigenvalues(np.linalg.eigvals(rates)) or Verdict(
@@ -106,8 +110,8 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
     if not has_inertia(lin):
         return Verdict(None, AT_POLE)
     constraints = form.statement.constraints
-    carried = any(not constraint.holonomic for constraint in constraints) or (bool(constraints) and any(point.v))
-    if values is None and carried:  # K is not the curvature of an energy
+    driven = any(not constraint.holonomic for constraint in constraints) or (bool(constraints) and any(point.v))
+    if values is None and driven:  # K is not the curvature of an energy
         return Verdict(None, "with these constraints eigenvalues decide on stability: give values of all parameters.")
     if values is None and has_long_formulas(lin):
         return Verdict(
@@ -123,13 +127,14 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
     if np.linalg.matrix_rank(parts[0]) < len(parts[0]):
         return Verdict(None, NO_INERTIA)
     mass, damping, stiffness = at_fixed_momenta(parts[0], parts[1], parts[2], gone, axial=axial)
-    return _numeric_verdict(mass, damping, stiffness, energetic=has_energy(form) and not carried)
+    return _numeric_verdict(mass, damping, stiffness, energetic=has_energy(form) and not driven)
 
 
 def each_pole_once(points: Sequence[StatedPoint]) -> list[int]:
-    """Return the indices of points, of those at the same pole only the first.
+    """Return the indices of the points that are kept: all points, but only the first of the points at one pole.
 
-    They differ in a direction without inertia, such as the longitude at a pole. Next to them every direction has some.
+    Points at one pole differ in a direction without inertia, such as the longitude; near the pole every direction has
+    inertia.
     """
     indices, poles = list[int](), list[Any]()
     for index, point in enumerate(points):
@@ -149,10 +154,10 @@ def each_pole_once(points: Sequence[StatedPoint]) -> list[int]:
 
 
 def criterion(lin: Linearization, fixed: tuple[int, ...], *, axial: bool = False) -> tuple[Any, ...]:
-    """Return the leading minors of the stiffness matrix K at fixed momenta.
+    """Return the leading minors of the stiffness matrix K at fixed momenta of ignorable coordinates.
 
-    `fixed` has the indices of the ignorable coordinates, whose momenta are fixed. If all minors are positive, the
-    energy has a minimum. The result is empty if M is singular, or the formulas are too long.
+    If all minors are positive, the energy has a minimum. `fixed` are the indices of the ignorable coordinates; `axial`
+    is explained in `at_fixed_momenta`. The result is empty if M is singular, or the formulas are too long.
     """
     if has_long_formulas(lin) or not has_inertia(lin):
         return ()
@@ -163,8 +168,8 @@ def criterion(lin: Linearization, fixed: tuple[int, ...], *, axial: bool = False
 def _symbolic_verdict(lin: Linearization, form: PlainForm, ignorable_rows: tuple[int, ...], *, axial: bool) -> Verdict:
     """Return a verdict on stability for all values of the parameters, from signs that SymPy can prove.
 
-    It is None with a reason if they do not suffice. `ignorable_rows` are the indices of the ignorable coordinates;
-    `axial` is explained in `at_fixed_momenta`.
+    If the signs do not suffice, the verdict is None with a reason. `ignorable_rows` are the indices of the ignorable
+    coordinates; `axial` is explained in `at_fixed_momenta`.
     """
     minors = criterion(lin, ignorable_rows, axial=axial)
     if any(minor.is_negative for minor in minors[:-1]):
@@ -199,7 +204,10 @@ def _is_definite(matrix: Any) -> bool:
 
 
 def ignorable(form: PlainForm) -> tuple[int, ...]:
-    """Return indices of ignorable coordinates: absent from L, forces and constraints, with constant momenta."""
+    """Return the indices of ignorable coordinates, whose momenta are constant.
+
+    Such a coordinate is absent from L, forces and constraints, and no force acts along it.
+    """
     statement = form.statement
     return tuple(
         i
@@ -215,12 +223,12 @@ def ignorable(form: PlainForm) -> tuple[int, ...]:
 def at_fixed_momenta(
     mass: Any, damping: Any, stiffness: Any, fixed: tuple[int, ...], *, axial: bool = False
 ) -> tuple[Any, Any, Any]:
-    """Return M, C and K of the other coordinates while ignorable coordinates (indices `fixed`) keep their momenta.
+    """Return M, C and K of the other coordinates while ignorable coordinates keep their momenta.
 
-    With I for the ignorable coordinates and R for the others, the momentum M_IR v_R + M_II v_I + C_IR q_R is
-    constant, which gives v_I. The matrices are arrays or SymPy matrices. With `axial` the two others are along axes
-    that turn about the equilibrium at the rate c/2m, where C = c J, M = m and J is the matrix of a quarter turn: then C
-    is zero, and K is larger by c^2/4m.
+    `fixed` are the indices of the ignorable coordinates. With I for the ignorable coordinates and R for the others, the
+    momentum M_IR v_R + M_II v_I + C_IR q_R is constant, which gives v_I. The matrices are arrays or SymPy matrices. If
+    `axial` is true, the two other coordinates are measured along axes that turn about the equilibrium at the rate c/2m.
+    Here C = c J, M = m, and J is the matrix of a quarter turn. In these axes C is zero, and K is larger by c^2/4m.
     """
     if not fixed:
         return mass, damping, stiffness
@@ -243,9 +251,9 @@ def at_fixed_momenta(
 
 
 def has_energy(form: PlainForm) -> bool:
-    """Return True if the energy cannot grow: L does not depend on time, and forces and dissipation only take energy.
+    """Return True if the energy cannot grow: L is independent of time, and no force feeds energy in.
 
-    Forces only take energy if no term of their power Q . v is positive.
+    Forces feed no energy in if no term of their power Q . v is positive. The dissipation is tested by `only_brakes`.
     """
     if not vanishes(form, form.lagrangian.diff(t)) or not only_brakes(form):
         return False
@@ -292,7 +300,7 @@ def _is_drag(term: Any, v: Sequence[Any]) -> bool:
 
 
 def _verdict_of_eigenvalues(values: Any) -> Verdict | None:
-    """Return the verdict that follows from the real parts of eigenvalues, or None if they are inconclusive."""
+    """Return the verdict that follows from the real parts of eigenvalues, or None if they do not decide."""
     scale = max(1e-300, float(np.abs(values).max()))
     largest = float(values.real.max())
     if largest > REAL_PART * scale:
@@ -332,17 +340,17 @@ def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool
 
 
 FOLLOWING_STEPS = 30
-"""Largest number of Newton steps from the equilibrium at the previous value of the parameter."""
+"""Largest number of Newton steps from the equilibrium at the previous value of the parameter to the next one."""
 
 MOST_VALUES = 10_000  # Largest number of values of the parameter: each takes some milliseconds
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EigenvaluePath:
-    """Eigenvalues (k, 2n) at k values of a parameter, and the equilibria (k, n).
+    """Eigenvalues (k, 2n) at k `values` of a parameter, and the equilibria (k, n).
 
-    Each column follows one eigenvalue from row to row. A row is NaN if no equilibrium was found. With constraints a row
-    has as many eigenvalues as there are independent coordinates and independent velocities together.
+    Each column follows one eigenvalue from row to row. A row is NaN if no equilibrium was found. If there are
+    constraints, a row has one eigenvalue for each independent coordinate and each independent velocity.
     """
 
     parameter: Any
@@ -359,7 +367,10 @@ class EigenvaluePath:
 
     @property
     def stable(self) -> Any:
-        """True where no eigenvalue has a positive real part, (k,): necessary for stability, but not sufficient."""
+        """Mask (k,), true where no eigenvalue has a positive real part.
+
+        This is necessary for stability, but not sufficient.
+        """
         scale = np.abs(self.eigenvalues).max(axis=1)
         return self.eigenvalues.real.max(axis=1) <= 1e-6 * scale
 
@@ -367,8 +378,8 @@ class EigenvaluePath:
 def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, model: Model) -> EigenvaluePath:
     """Return the eigenvalues at each of the values of a parameter, about the equilibrium near `at`.
 
-    `at` is a mapping as for `linearize`. Raises StatementError if no equilibrium is found at any value, or if
-    the forces have a corner or a jump there.
+    `at` maps coordinates and velocities to values, as for `linearize`. Raises StatementError if no equilibrium is found
+    at any value, or if the forces have a corner or a jump at the point.
     """
     by_name = {p.name: p for p in statement.parameters}
     label = parameter_name(parameter, by_name)
@@ -411,7 +422,10 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
 
 
 def _on_constraints(point: StatedPoint) -> Linearization:
-    """Return the symbolic linearization of a system with constraints. Raises StatementError if `point` has decimals."""
+    """Return the symbolic linearization at an equilibrium of a system with constraints.
+
+    Raises StatementError if `point` has decimals, or is not an equilibrium.
+    """
     name = point.form.statement.name
     lin = None if point.decimal else linearized_at(point)
     if lin is None or lin.decimal:
@@ -427,7 +441,8 @@ def _on_constraints(point: StatedPoint) -> Linearization:
 def _matrix(lin: Linearization | None, model: Model, state: FloatArray, parameters: Any) -> FloatArray | None:
     """Return the matrix of the first-order linear equations at values of the parameters, or None if not finite.
 
-    It follows from the linearization `lin`. If that is None, it is the compiled Jacobian at the state (2n,).
+    It is computed from the symbolic linearization `lin`. If `lin` is None, it is the compiled Jacobian at the state
+    (2n,).
     """
     if lin is None:
         return model.jacobian(0.0, state, parameters)
@@ -449,7 +464,10 @@ def _stated(point: StatedPoint, parameters: Any) -> FloatArray | None:
 
 
 def _equilibrium(point: StatedPoint, model: Model, parameters: Any, before: FloatArray | None) -> FloatArray | None:
-    """Return the equilibrium (2n,) near the one `before`, or None if Newton's method fails."""
+    """Return the state (2n,) of the equilibrium at values of the parameters, or None if Newton's method fails.
+
+    `before` is the state of the equilibrium at the previous values, or None at the first ones.
+    """
     state, (q, v) = _stated(point, parameters), (model.layout.q, model.layout.v)
     if state is None:
         return None
@@ -472,7 +490,7 @@ def _equilibrium(point: StatedPoint, model: Model, parameters: Any, before: Floa
 
 
 def _matched(eigenvalues: Any, before: Any) -> Any:
-    """Return the eigenvalues in the order that best continues `before`; sorted if `before` is None."""
+    """Return the eigenvalues in the order that best continues the row `before`; sorted if `before` is None."""
     from scipy.optimize import linear_sum_assignment
 
     ordered = np.sort_complex(np.asarray(eigenvalues))

@@ -1,4 +1,4 @@
-"""Point symmetries: candidates, the condition for a symmetry, and the conserved quantity of each with its name."""
+"""Point symmetries: candidates for a system, the test of a candidate, its conserved quantity and a name for it."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ PLACINGS: dict[int, tuple[Placing, ...]] = {
         lambda r, b, a: (r * cos(b) * cos(a), r * cos(b) * sin(a), r * sin(b)),
     ),
 }
-"""Position vectors of a body by number of coordinates.
+"""Functions from coordinates to the position vector of a body, by number of coordinates.
 
-They are Cartesian, polar (angle from x, or hanging), on a sphere of any radius, cylindrical and spherical. Angles are
-counted from the pole or from the equator.
+The vectors are Cartesian, polar (angle from x, or hanging), on a sphere of any radius, cylindrical and spherical.
+Angles are counted from the pole or from the equator.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class BodyPosition:
-    """Position r of a single body with T = mass |v|^2 / 2, in plain symbols.
+    """Position `r` and velocity `v` of a single body with T = mass |v|^2 / 2, in plain symbols.
 
     `rest` is L - T, which is at most linear in velocities.
     """
@@ -73,7 +73,7 @@ def place(stated: StatedAlgebra) -> BodyPosition | None:
 
 
 def _mass(stated: StatedAlgebra) -> Any:
-    """Return the mass of a single body: the first constant entry of a diagonal M. None if there is none."""
+    """Return the mass of a single body: the first constant entry of a diagonal mass matrix; None if there is none."""
     coupled = (stated.mass[i][j] for i, j in combinations(range(len(stated.q)), 2))
     if any(map(stated.algebra.merge_angles, coupled)):
         return None
@@ -100,7 +100,7 @@ def _rest(stated: StatedAlgebra, mass: Any, v: Sequence[Any]) -> MonomialSum | N
 
 
 AXES = {"xy": ("z", 1), "yz": ("x", 1), "zx": ("y", 1), "yx": ("z", -1), "zy": ("x", -1), "xz": ("y", -1)}
-"""Axis and sense (1 or -1) of the rotation that turns the first of two axes towards the second."""
+"""Rotation from the first of two axes towards the second: its axis, and its sense, 1 or -1."""
 
 
 def oriented(
@@ -108,8 +108,8 @@ def oriented(
 ) -> tuple[Symmetry, str]:
     """Return a symmetry in its standard direction, and the name of its conserved quantity.
 
-    Rotations turn x towards y. Shifts in time go backwards, so that the quantity is +(v.p - L), with the name `energy`.
-    `position` is that of the single body, or None.
+    Rotations turn x towards y. Shifts in time go backwards, so that the quantity is +(v.p - L); its name is `energy`.
+    `position` is the position of the single body, or None.
     """
     axis = _axis(stated, symmetry)
     if axis is None and position is not None and symmetry.tau == 0:
@@ -123,7 +123,10 @@ def oriented(
 
 
 def _motion(stated: StatedAlgebra, symmetry: Symmetry, body: BodyPosition) -> tuple[str, int] | None:
-    """Return (name, sense 1 or -1) of a rotation about an axis, or a shift along one; None for other symmetries."""
+    """Return (name of the quantity, sense 1 or -1) of a rotation of the body about an axis, or a shift along an axis.
+
+    The result is None for other symmetries.
+    """
     moved = Matrix([sum((x.diff(q) * xi for q, xi in zip(stated.q, symmetry.xi, strict=True)), S.Zero) for x in body.r])
     for k, axis in enumerate("xyz"):
         unit = Matrix([int(j == k) for j in range(3)])
@@ -154,7 +157,10 @@ def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
 
 
 def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
-    """Return (name, sense 1 or -1) of a rotation about an axis in pairs of coordinates such as x1 and y1, or None."""
+    """Return (name of the quantity, sense 1 or -1) of a rotation in pairs of coordinates such as x1 and y1.
+
+    The result is None for other symmetries.
+    """
     names = dict(zip(stated.q, stated.statement.names, strict=True))
     axes: dict[tuple[str, int], None] = {}
     for q, xi in zip(stated.q, symmetry.xi, strict=True):
@@ -174,13 +180,13 @@ def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
 
 
 def axis_of(name: str) -> str:
-    """Return the axis that the name of a coordinate states: x for x, x1 or xs, else the name without its number."""
+    """Return the axis in the name of a coordinate: x for x, x1 or xs; for others, the name without its number."""
     bare = re.sub(r"_?\d*$", "", name)
     return bare[0].lower() if bare[0].lower() in "xyz" else bare
 
 
 def described(stated: StatedAlgebra, symmetry: Symmetry) -> str:
-    """Return a sentence that describes the symmetry."""
+    """Return a sentence that states the symmetry and how the Lagrangian behaves under it."""
     names = stated.statement.names
     parts = [f"delta {name} = {_text(stated, xi)}" for name, xi in zip(names, symmetry.xi, strict=True) if xi != 0]
     parts += [f"delta t = {_text(stated, symmetry.tau)}"] if symmetry.tau != 0 else []
@@ -199,7 +205,7 @@ def _text(stated: StatedAlgebra, expression: Any) -> str:
 
 
 LONGEST_GAUGE = 400
-"""Largest number of operations in a total derivative that is integrated; typical symmetries have ten."""
+"""Largest number of operations in a derivative that is integrated for a gauge function; ten are typical."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +221,7 @@ class Symmetry:
 
 
 class SymmetryEquation:
-    """Condition of a symmetry of a statement: it tests symmetries and finds their gauge functions.
+    """Condition for symmetries of a statement: it tests candidates and finds their gauge functions.
 
     `forces` are dL/dq + Q - dD/dv, as sums of monomials.
     """
@@ -243,9 +249,9 @@ class SymmetryEquation:
         return algebra.merge_angles(algebra.add(*parts))
 
     def completed(self, symmetry: Symmetry) -> Symmetry | None:
-        """Return the symmetry with the gauge function F that makes its defect zero, or None if no F is found.
+        """Return the candidate with the gauge function F that makes its defect zero, or None if no F is found.
 
-        The defect is the time derivative of p . xi - tau E.
+        The defect without F is the time derivative of p . xi - tau E.
         """
         defect = self.defect(symmetry)
         if not self._differs(defect):
@@ -286,8 +292,8 @@ class SymmetryEquation:
     def _total(self, defect: MonomialSum, slopes: Sequence[MonomialSum]) -> bool:
         """Return False if the defect is not the time derivative of any function F(q, t).
 
-        `slopes` are the derivatives of the defect by the velocities. If F exists they equal dF/dq: they contain no
-        velocities and agree with the rest of the defect, dF/dt.
+        `slopes` are the derivatives of the defect by the velocities. If F exists, they are dF/dq: they contain no
+        velocities, and their derivatives agree with those of dF/dt, the rest of the defect.
         """
         stated, algebra = self.stated, self.stated.algebra
         if any(algebra.free(k) & frozenset(stated.v) for terms in slopes for monomial in terms for k, _ in monomial):
@@ -301,7 +307,7 @@ class SymmetryEquation:
         return True
 
     def across(self, symmetry: Symmetry) -> list[MonomialSum]:
-        """Return G xi: the changes of the constraint expressions under the shift xi of a symmetry."""
+        """Return the changes G xi of the constraint expressions under a symmetry; zero if it keeps them."""
         stated, algebra = self.stated, self.stated.algebra
         rates = []
         for constraint in stated.statement.constraints:
@@ -315,7 +321,7 @@ class SymmetryEquation:
         return rates
 
     def proven(self, symmetry: Symmetry) -> bool:
-        """Return True if the symmetry is proven; False means only that no proof was found."""
+        """Return True if a candidate is proven to be a symmetry; False means only that no proof was found."""
         stated = self.stated
         moved = [q for q, xi in zip(stated.q, symmetry.xi, strict=True) if xi != 0]
         moved += [stated.time] if symmetry.tau != 0 else []
@@ -339,9 +345,9 @@ MOST_PAIRED = 6
 
 
 def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield shifts that may be symmetries: of time, of single coordinates, of groups of coordinates, and of all.
+    """Yield shifts that may be symmetries: of time, of single coordinates, of groups, and of all coordinates.
 
-    A group has the coordinates of one axis, such as x1 and x2.
+    A group consists of the coordinates of one axis, such as x1 and x2.
     """
     n, names = len(stated.q), stated.statement.names
     yield Symmetry((S.Zero,) * n, S.One)
@@ -355,7 +361,7 @@ def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
 
 
 def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield rotations that may be symmetries: of all pairs such as x1 and y1 together, and of other single pairs."""
+    """Yield rotations that may be symmetries: of all pairs such as x1, y1 together, and of other single pairs."""
     bodies: dict[str, dict[str, int]] = {}
     turning = [rotation_name(q) is not None for q in stated.statement.coordinates]
     for i, name in enumerate(stated.statement.names):
@@ -373,9 +379,9 @@ def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
 
 
 def body_motions(stated: StatedAlgebra, position: BodyPosition) -> Iterator[Symmetry]:
-    """Yield shifts along fixed axes, and rotations about them, of one body, which may be symmetries.
+    """Yield shifts and rotations of a single body that may be symmetries, along and about fixed axes.
 
-    `position` is that of the body in curvilinear coordinates.
+    `position` is the position of the body in curvilinear coordinates.
     """
     if position.r == tuple(stated.q):
         return
@@ -383,15 +389,18 @@ def body_motions(stated: StatedAlgebra, position: BodyPosition) -> Iterator[Symm
     tangents = [r.diff(q) for q in stated.q]
     squares = [_reduced(tangent.dot(tangent)) for tangent in tangents]
     units = [Matrix([int(j == k) for j in range(3)]) for k in range(3)]
-    moved = units[: len(position.r)] if len(position.r) == len(tangents) else []  # on a sphere no shift is possible
-    turned = [unit.cross(r) for unit in units[:2]] if len(position.r) == 3 else []  # about z an angle alone is shifted
+    moved = units[: len(position.r)] if len(position.r) == len(tangents) else []  # a sphere permits no shift
+    turned = [unit.cross(r) for unit in units[:2]] if len(position.r) == 3 else []  # about z: see `shifts`
     for motion in (*moved, *turned):
         parts = [_reduced(tangent.dot(motion)) / square for tangent, square in zip(tangents, squares, strict=True)]
         yield Symmetry(tuple(parts))
 
 
 def body_turns(stated: StatedAlgebra) -> Iterator[tuple[Rotation, bool, int, Symmetry]]:
-    """Yield (rotation, True if the axis is fixed in the body, axis 0 to 2, rotation about the axis as a symmetry)."""
+    """Yield rotations of each rigid body about its own axes and about axes of space, which may be symmetries.
+
+    Each is (rotation, True if the axis is fixed in the body, index of the axis, symmetry).
+    """
     by_coordinate = dict(zip(stated.statement.coordinates, stated.q, strict=True))
     for each in map(rotation_of, stated.statement.rotations):
         q = [by_coordinate[entry] for entry in each.quaternion]

@@ -1,6 +1,6 @@
-"""Systems in other coordinates: point transformations of everything that was stated, and Routh's procedure.
+"""Derive a system in other coordinates (`transform`), or without ignorable ones (`routhian`).
 
-Routh's procedure removes ignorable coordinates, and computes them again along a run.
+Along a run of the smaller system the ignored coordinates are computed by integration.
 """
 
 from __future__ import annotations
@@ -38,15 +38,16 @@ from lagrange.statement.expression import check_once, entries, expression, refus
 from lagrange.statement.parameters import Survey, coordinate_name, in_own_parameters, label_of, table_of
 from lagrange.statement.statement import Statement
 
-START_RESIDUAL = 1e-9  # Largest residual of the new velocities, relative to the old ones and to 1
+START_RESIDUAL = 1e-9
+"""Largest residual of the initial velocities in new coordinates, relative to the old velocities and to 1"""
 
 
 @dataclass(frozen=True, eq=False)
 class Transformation:
-    """A change of coordinates: each old coordinate in `replaced` is one of `expressions` in the `new` coordinates.
+    """A point transformation: each old coordinate in `replaced` is one of `expressions` in the `new` coordinates.
 
     The expressions may contain other coordinates, parameters and t. `positive` are the new coordinates that are
-    positive.
+    positive. `statement` is the statement in the old coordinates.
     """
 
     statement: Statement
@@ -65,7 +66,7 @@ class Transformation:
 
     @cached_property
     def plain(self) -> dict[Any, Any]:
-        """Replacement of the new coordinates and their velocities by plain symbols."""
+        """Mapping of the new coordinates, velocities and accelerations to plain symbols."""
         table: dict[Any, Any] = {}
         for q in self.coordinates:
             name = name_of(q)
@@ -90,7 +91,7 @@ class Transformation:
 
     @cached_property
     def table(self) -> dict[Any, Any]:
-        """Replacement of old coordinates and velocities by expressions in plain symbols of the new ones."""
+        """Mapping of old coordinates and velocities to expressions in plain symbols of the new ones."""
         replacements = dict(self.plain)
         for q, x in zip(self.replaced, self.old, strict=True):
             replacements[q], replacements[velocity_of(q)] = x, time_derivative(x, self.plain)
@@ -114,9 +115,10 @@ def transformed(
 ) -> Statement:
     """Return the statement in new coordinates, tested against the `model` in old ones.
 
-    `expressions` maps old coordinates to expressions in new ones, `positive` lists new coordinates that are positive.
-    `parameters` has values for parameters that are new in the expressions. `initial` is the initial state in the new
-    coordinates; None computes it from the stated one.
+    `expressions` maps old coordinates to expressions in new ones. `positive` lists new coordinates that are positive.
+    `parameters` has values for parameters that only the expressions contain. `initial` is the initial state in the new
+    coordinates; if None, it is computed from the stated one. Raises StatementError if the expressions are no
+    transformation.
     """
     change = _transformation(statement, expressions, positive)
     columns = [change.coordinates.index(q) for q in change.new]
@@ -150,7 +152,7 @@ def transformed(
 def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
     """Return the initial state (q, v) in new coordinates that the transformation maps to the old one.
 
-    Of several states, one with positive lengths is preferred, then the one with the smallest coordinates. Raises
+    If there are several, states with positive lengths are preferred, then the one with the smallest coordinates. Raises
     StatementError if no such state is found, or if parameters have no values.
     """
     old, n = change.statement, len(statement.coordinates)
@@ -198,9 +200,9 @@ def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
 def _start_velocities(
     change: Transformation, statement: Statement, rates: FloatArray, point: Mapping[Any, Any], example: str
 ) -> FloatArray:
-    """Return the initial velocities in new coordinates that the transformation maps to old velocities, the `rates`.
+    """Return the initial velocities in new coordinates that the transformation maps to `rates`, the old velocities.
 
-    `point` has the values of the time, the parameters and the new coordinates. `example` says how to give values.
+    `point` has the values of the time, the parameters and the new coordinates. `example` is the remedy in messages.
     Raises StatementError if there are no such velocities, because the new coordinates are singular.
     """
     v = np.array(statement.initial[len(statement.coordinates) :])
@@ -221,9 +223,9 @@ def _start_velocities(
 
 
 def _transformation(statement: Statement, expressions: Mapping[Any, Any], positive: Any) -> Transformation:
-    """Return the user's transformation. Raises StatementError if it is not one.
+    """Return the user's transformation. Raises StatementError if the expressions do not define one.
 
-    `expressions` maps old coordinates to expressions in new ones, `positive` lists new coordinates that are positive.
+    `expressions` maps old coordinates to expressions in new ones. `positive` lists new coordinates that are positive.
     """
     if not isinstance(expressions, Mapping) or not expressions:
         raise StatementError(
@@ -283,7 +285,7 @@ def _forces(change: Transformation) -> dict[Any, Any]:
     for q in dict.fromkeys((*change.coordinates, *pulls)):
         if q in change.replaced and q not in change.coordinates:
             continue
-        # A name may stay with a new meaning: the force on the old coordinate then acts through the slopes alone.
+        # If a new coordinate has the name of an old one, the old force acts on it only through the slopes.
         terms = [pulls[q]] if q in pulls and q not in change.replaced else []
         if q in change.coordinates:
             slopes = change.slopes[:, change.coordinates.index(q)]
@@ -293,7 +295,7 @@ def _forces(change: Transformation) -> dict[Any, Any]:
 
 
 def _check(change: Transformation, statement: Statement, model: Model) -> None:
-    """Raise RunError if momenta and forces in the new coordinates differ from those of the compiled old ones.
+    """Raise RunError if momenta and forces in the new coordinates differ from the compiled model in old ones.
 
     With the new coordinates x, the old ones q(x), their compiled momenta p and forces f, the new momenta are p dq/dx,
     and the new forces are f dq/dx + p dv/dx. The comparison is at random states.
@@ -328,7 +330,7 @@ def _check(change: Transformation, statement: Statement, model: Model) -> None:
 class Routh:
     """Routh's procedure: the formulas that remove ignored coordinates from a system, in plain symbols.
 
-    `indices` are the indices of the ignored coordinates.
+    `form` is the statement in plain symbols. `indices` are the indices of the ignored coordinates.
     """
 
     form: PlainForm
@@ -338,12 +340,12 @@ class Routh:
 
     @cached_property
     def gone(self) -> dict[Any, Any]:
-        """Replacement of the ignored coordinates by zero, since no formula depends on them."""
+        """Mapping of the ignored coordinates to zero: no formula depends on them."""
         return {self.form.q[i]: sympy.S.Zero for i in self.indices}
 
     @cached_property
     def still(self) -> dict[Any, Any]:
-        """Replacement of the velocities of the ignored coordinates by zero."""
+        """Mapping of the velocities of the ignored coordinates to zero."""
         return {self.form.v[i]: sympy.S.Zero for i in self.indices}
 
     @cached_property
@@ -377,7 +379,10 @@ class Routh:
 
 
 def routh_of(statement: Statement, ignored: Sequence[Any]) -> Routh:
-    """Return Routh's procedure that ignores some coordinates. Raises StatementError if one of them is not ignorable."""
+    """Return Routh's procedure that ignores the coordinates `ignored`.
+
+    Raises StatementError if one of them is not ignorable, or if no coordinate would be left.
+    """
     if not ignored:
         raise StatementError("routhian() has no arguments: give a coordinate that is ignorable.")
     form = PlainForm(statement)
@@ -401,7 +406,10 @@ def routh_of(statement: Statement, ignored: Sequence[Any]) -> Routh:
 
 
 def routhian(statement: Statement, ignored: Sequence[Any], model: Model) -> Statement:
-    """Return the statement without ignorable coordinates, whose momenta become parameters. `model` tests the result."""
+    """Return the statement without the coordinates `ignored`, whose momenta become parameters.
+
+    The result is tested against `model`. Raises StatementError if a coordinate is not ignorable.
+    """
     routh = routh_of(statement, ignored)
     values = {symbol: routh.form.initial_momenta[i] for symbol, i in zip(routh.symbols, routh.indices, strict=True)}
     smaller = _without_ignored(routh, statement, values)
@@ -418,7 +426,7 @@ def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, fl
     """Return the statement without ignored coordinates, by the formulas of Routh's procedure in `routh`.
 
     The formulas belong to the statement itself, or to its form with small turns of bodies in place of quaternions.
-    `values` maps the symbols of the momenta to their values at the initial state, None if unknown.
+    `values` maps the symbols of the momenta to their initial values; a value is None if it is unknown.
     """
     form, indices = routh.form, routh.indices
     gone = [form.statement.coordinates[i] for i in indices]
@@ -449,7 +457,7 @@ def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, fl
 
 
 def _check_ignorable(form: PlainForm, i: int) -> None:
-    """Raise StatementError if the momentum of coordinate number `i` is not constant; the message states its rate."""
+    """Raise StatementError if the momentum of the coordinate with index `i` is not constant; the message says why."""
     statement, name = form.statement, form.statement.names[i]
     slope = form.lagrangian.diff(form.q[i])
     if not vanishes(form, slope):
@@ -499,16 +507,17 @@ def _check_routhian(routh: Routh, model: Model) -> None:
     compared("the Routhian", form.statement, values)
 
 
-MOST_PARTS = 64  # Largest number of parts of an interval between outputs
+MOST_PARTS = 64  # Largest number of parts into which an interval between outputs is divided for integration
 
 INTEGRAL_TOLERANCE = 1e-12
 """Largest estimated error of an integral, relative to the largest change between two output times."""
 
 
 def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
-    """Return ignored coordinates and their velocities at the output times of a `Solution` of the Routhian, (N,) each.
+    """Return ignored coordinates and their velocities at the output times of a run of the Routhian.
 
-    The coordinates start at the initial values of the statement. Raises StatementError for a run of another system.
+    The result maps each of them to its values (N,). The coordinates start at the initial values of `statement`, the
+    system before reduction. Raises StatementError if `solution` is a run of another system.
     """
     small = getattr(getattr(solution, "model", None), "statement", None)
     missing = [] if small is None else [q for q in statement.coordinates if q not in small.coordinates]
@@ -532,15 +541,15 @@ def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
 
 
 def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name: str) -> FloatArray:
-    """Return the integral of a velocity from the first of `times` to each of them, (N,).
+    """Return the integral of the velocity `speed` from the first of `times` to each of them, (N,).
 
-    All intervals are halved together until the estimated error is below `INTEGRAL_TOLERANCE`. `name` is that of the
-    coordinate, for errors.
+    All intervals are divided together until the estimated error is below `INTEGRAL_TOLERANCE`. `name` is the coordinate
+    in messages.
     """
     lengths = np.diff(times)
     if not len(lengths):
         return np.zeros(1)
-    rule: Any = quad_vec  # the type stubs declare results that are numbers alone
+    rule: Any = quad_vec  # its type stubs declare scalar results only
     changes, _, result = rule(
         lambda share: speed(times[:-1] + share * lengths) * lengths,
         0.0,

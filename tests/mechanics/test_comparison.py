@@ -118,7 +118,7 @@ def test_a_sum_of_equations_with_a_wrong_term() -> None:
     )
     result = shared_scene("double-pendulum").compare([first + second - 2 * g * l2 * m2 * sp.sin(theta2), second])
     assert result.message.startswith(
-        "In equation 1, that of theta1 and theta2 together, the term -m2*g*l2*sin(theta2) has the wrong sign: it "
+        "In equation 1, for theta1 and theta2 together, the term -m2*g*l2*sin(theta2) has the wrong sign: it "
         "should be m2*g*l2*sin(theta2)."
     )
 

@@ -409,5 +409,5 @@ def test_a_force_that_vanishes_only_at_a_pole_leaves_no_equilibrium(forces: dict
     system = lg.System(kinetic, potential, coordinates=[phi, r], forces=forces, name="falling")
     assert refusal(system.equilibria) == (
         "falling has no equilibrium: the forces on phi and r at rest vanish only where the mass matrix is singular, "
-        "and there without balance."
+        "and the system is not in balance there."
     )

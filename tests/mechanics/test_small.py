@@ -40,9 +40,9 @@ def test_away_from_equilibrium_terms_of_first_order_stay_and_are_told() -> None:
     small = pendulum().small({theta: pi / 2})
     assert small.accelerations() == {theta: -g / l}
     assert small.statement.about == (
-        "Expanded about theta = pi/2 to order 2 in changes of coordinates and velocities. That is not an equilibrium: "
-        "terms "
-        "of first order remain, and accelerations are those of the system at the point alone."
+        "Expanded about theta = pi/2 to order 2 in changes of coordinates and velocities. "
+        "The point is not an equilibrium: terms of first order remain, and accelerations are those "
+        "of the system at the point alone."
     )
     assert "no equilibrium" not in pendulum().small({theta: pi}).statement.about
 

@@ -1,4 +1,4 @@
-"""Comparison of a user's equations of motion with those of a system, in every branch; the wrong term is named."""
+"""Compare a user's equations of motion with those of a system, in every branch, and name the first wrong term."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
 from lagrange.mechanics.grading.slips import slip_of, with_exact_numbers, with_parameters, wrong_definition
 from lagrange.mechanics.grading.student_equations import (
-    HELD,
+    LARGEST_RESIDUAL,
     EquationRow,
     StudentEquation,
     row_of,
@@ -36,7 +36,7 @@ from lagrange.statement.display import ShownAsPage
 from lagrange.statement.random_states import SamplePoint, Sampler
 from lagrange.statement.statement import Statement
 
-DRAWS = 1000  # Random points drawn to reach other branches; most of them cost one evaluation of the switches
+DRAWS = 1000  # Random points drawn to reach further branches of conditions; most cost one evaluation of the conditions
 MOST = 16  # Largest number of states added to cover other branches
 
 NEAREST = 8.0
@@ -51,10 +51,10 @@ Way = tuple[Any, int]  # A switch (such as a condition or Abs) and one of its ou
 def branch_samples(
     statement: Statement, rows: Sequence[EquationRow], known: Sequence[MotionSample]
 ) -> tuple[list[MotionSample], list[Way]]:
-    """Return states with new combinations of switch outcomes, and the outcomes that no state reaches.
+    """Return (samples with new combinations of switch outcomes, outcomes that no sample reaches).
 
-    Switches are the conditions in the statement and in the equations `rows`. `known` are earlier samples, with the
-    combinations that are not new. Entries of a state are drawn from all magnitudes, and near the numbers in the
+    Switches are the conditions and corners in the statement and in the equations `rows`. `known` are earlier samples,
+    whose combinations are not new. Entries of a state are drawn from all magnitudes, and near the numbers in the
     equations, energies and forces.
     """
     states = MotionStates(statement)
@@ -107,20 +107,19 @@ def _points(statement: Statement, rows: Sequence[EquationRow]) -> Iterator[Sampl
 def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[list[MotionSample]]:
     """Return lists of the same samples with different multipliers, each of which an answer may mean.
 
-    An answer may name, scale and sign its multipliers in another way than the system. The first list has the
-    multipliers of the system. Each other list has multiples of them, as required by the forces in one equation of the
-    answer.
+    An answer may name, scale and sign its multipliers differently from the system. The first list has the multipliers
+    of the system. Each other list has multiples of these, which agree with the forces in one equation of the answer.
     """
 
     def multiples(row: EquationRow, sample: MotionSample) -> list[Any]:
-        """Return for each multiplier its value by an equation, divided by its true value; None if not determined."""
+        """Return, for each multiplier, its value in an equation divided by its true value; None if undetermined."""
         n = len(sample.mass)
         slopes = row.numbers(sample)
         weights = solve_dense(sample.mass, slopes[:n], SINGULAR)
         exerted = [sum(w * x for w, x in zip(weights, line, strict=True)) for line in sample.gradient]
         size = max(map(abs, exerted), default=0)
         return [
-            -part / slope if slope and abs(part) > HELD * size else None
+            -part / slope if slope and abs(part) > LARGEST_RESIDUAL * size else None
             for part, slope in zip(exerted, slopes[n:], strict=True)
         ]
 
@@ -131,7 +130,7 @@ def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample])
         with suppress(OutsideDomain):
             scaled = []
             for sample in samples:
-                # A multiplier that `row` lacks is scaled to that of the first equation that has it.
+                # A multiplier that `row` lacks is scaled to its value in the first equation that has it.
                 columns = zip(*(multiples(other, sample) for other in (row, *rows)), strict=True)
                 first = [next((x for x in column if x is not None), 1) for column in columns]
                 forces = tuple(x * k for x, k in zip(sample.multipliers, first, strict=True))
@@ -141,39 +140,38 @@ def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample])
 
 
 def sentence_on_multipliers(chosen: Sequence[MotionSample], samples: Sequence[MotionSample]) -> str:
-    """Return a sentence on the ratio of an answer's multipliers to those of the system.
+    """Return a sentence on the ratio of an answer's multipliers to the multipliers of the system.
 
-    `chosen` are samples with the multipliers of the answer, `samples` the same ones with those of the system.
+    `chosen` are samples with the multipliers of the answer, `samples` the same samples with those of the system.
     """
     pairs = [zip(a.multipliers, b.multipliers, strict=True) for a, b in zip(chosen, samples, strict=True)]
     every = [a / b for pair in pairs for a, b in pair if b]
     ratio = Fraction(str(every[0])).limit_denominator(LARGEST_FACTOR) if every else Fraction(1)
-    if any(abs(x * ratio.denominator - ratio.numerator) > HELD * (1 + abs(ratio.numerator)) for x in every):
+    if any(abs(x * ratio.denominator - ratio.numerator) > LARGEST_RESIDUAL * (1 + abs(ratio.numerator)) for x in every):
         return " Their multipliers are multiples of those of the system."
     if ratio in (1, -1):
         return "" if ratio == 1 else " The multipliers have the opposite sign."
     return f" Their multipliers are {ratio} times those of the system."
 
 
-NEGATIVE = 0.5  # Cost of a negative force, such as a tension, in units of the change of a sign
+NEGATIVE = 0.5  # Cost of a negative force, such as a tension; the change of a sign costs 1
 MOST_LISTED = 4  # Largest number of coordinates for which a message lists the whole state
-MOST_READ = 2  # Largest number of ambiguous equations whose reading a message shows; `.read` has all of them
+MOST_READ = 2  # Largest number of ambiguous equations whose interpretation a message shows; `.read` has all of them
 LONGEST_MESSAGE = 400  # Longest message, in characters. The rest goes to `.details`.
-# Numbers smaller than this, in a right equation, are tried as zero: terms below `HELD` are not tested otherwise
-NEGLIGIBLE = 1e-9
+NEGLIGIBLE = 1e-9  # Smaller numbers in a right equation are tried as zero: the comparison cannot see them
 LONGEST_QUOTED = 120  # Longest constraint in a message, in characters
-SIGNED_SAMPLES = 16  # Number of random states in the search for the sign with which an answer is right
-SAMPLES = 5  # Number of random states at which equations without switches are compared: a wrong one may pass by chance
+SIGNED_SAMPLES = 16  # Number of random states in the search for signs, such as x > 0, where an answer is right
+SAMPLES = 5  # Number of random states that are always compared; at fewer a wrong equation may pass by chance
 
 
 @dataclass(frozen=True)
 class _Case:
     """An answer to be compared: a row for each of its equations, the statement, and the derivation of the right ones.
 
-    The derivation of a system with rotations has another statement, in rates of bodies. `write` turns an expression
-    into text for messages. `distances` are the names of coordinates that are positive in all samples. `pulling` is
-    true if multipliers were typed as forces such as T. `doubted` is true if the answer has a remark that does not hold,
-    which was left out.
+    For a system with rotations the `derivation` is of another statement, in rates of bodies. `write` turns an
+    expression into text for messages. `distances` are the names of coordinates that are positive in all samples.
+    `pulling` is true if multipliers were typed as forces such as T. `doubted` is true if an additional relation in the
+    answer does not hold; it is not among the rows.
     """
 
     rows: Sequence[EquationRow]
@@ -197,10 +195,10 @@ class _Case:
 class EquationsComparison(ShownAsPage):
     """Result of a comparison: true if the equations are those of the system. Else `message` names the first wrong term.
 
-    `counterexample` maps names to values: a state at which the first wrong equation fails, and the true accelerations.
-    It is empty if no such state is known. `details` is the counterexample as a sentence. `wrong` lists the indices of
-    the wrong equations. `read` is the text of the equations as they were understood, one per line, in the notation of
-    scene files.
+    `right` is the result as a bool. `counterexample` maps names to values: a state at which the first wrong equation
+    fails, and the true accelerations. It is empty if no such state is known. `details` is the counterexample as a
+    sentence. `wrong` lists the indices of the wrong equations. `read` is the text of the equations as they were
+    understood, one per line, in the notation of scene files.
     """
 
     right: bool
@@ -227,7 +225,7 @@ def compare_equations(
     write: Write,
     distances: Collection[str] = (),
 ) -> EquationsComparison:
-    """Return the comparison of a user's equations with those of a statement.
+    """Return the comparison of a user's equations with the equations of motion of a statement.
 
     `derivation` has the right equations. `write` turns an expression into text for messages. `distances` are the names
     of coordinates that are positive in the comparison. Raises StatementError if an equation is not linear in the
@@ -260,11 +258,12 @@ def _with_remarks(
 ) -> EquationsComparison:
     """Return a result with remarks on how its equations were read, and with their indices in the answer.
 
-    `letters` maps multipliers to the letters that were typed for them. A message that is too long goes to `.details`.
+    `letters` maps multipliers to the letters that were typed for them. If the message gets too long, it is moved to
+    `.details`.
     """
-    told = [equations[i] for i in result.wrong] or equations
-    remark = "".join(f" {equation.note}" for equation in told if equation.note)
-    ambiguous = [equation.read for equation in told if equation.others]
+    reported = [equations[i] for i in result.wrong] or equations
+    remark = "".join(f" {equation.note}" for equation in reported if equation.note)
+    ambiguous = [equation.read for equation in reported if equation.others]
     remark += f" Read as {listing(ambiguous[:MOST_READ])}." if ambiguous else ""
     for multiplier, letter in letters.items():
         if not str(letter).startswith("lam"):
@@ -277,13 +276,13 @@ def _with_remarks(
     if not result.wrong:
         remark = ""
     elif len(short + remark) > LONGEST_MESSAGE:
-        label = told[0].label
+        label = reported[0].label
         short, remark = f"{label[0].upper()}{label[1:]} does not hold: .details names its first wrong term.", ""
     return replace(result, message=short + remark, details=f"{result.message} {result.details}".strip(), read=read)
 
 
 def _likeliest(equation: StudentEquation, statement: Statement, samples: Sequence[MotionSample]) -> EquationRow:
-    """Return the first reading of an equation that holds at all samples, or else its first linear reading, as a row.
+    """Return the likeliest reading of an equation as a row: the first one that holds at all samples, else the first.
 
     A reading may hold only after exact numbers replace its decimals. Then `note` has a sentence on these numbers. A
     reading that is not linear in the accelerations is skipped. Raises StatementError if no reading is linear.
@@ -316,7 +315,7 @@ def _likeliest(equation: StudentEquation, statement: Statement, samples: Sequenc
 
 
 def _compared(case: _Case, samples: Sequence[MotionSample], untried: Sequence[Way]) -> EquationsComparison:
-    """Return the result for an answer. `untried` lists outcomes of switches that no sample has."""
+    """Return the result for an answer at `samples`; `untried` lists outcomes of switches that no sample has."""
     rows, statement = case.rows, case.statement
     choices = with_multiples(rows, samples)
     negated = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
@@ -348,8 +347,8 @@ def _judged_wrong(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> Equ
     """Return the result for equations that are wrong at all `choices` of samples, which differ in the multipliers.
 
     The cause is, in this order: numbers in place of parameters, a common slip, a wrong definition, a slip of factors or
-    directions, or a wrong term. The details have the wrong term if the cause explains more than this term for certain;
-    else the message has both.
+    directions, or a wrong term. If the slip explains more than the wrong term does, the term goes to the details. Else
+    the message has both.
     """
     numbers = _numbers_in_place(case)
     if numbers:
@@ -407,7 +406,7 @@ def _kinks(derivation: Derivation) -> list[Any]:
 def _condition(case: _Case) -> str:
     """Return the condition under which wrong equations are right, such as "x > 0"; "" if there is none.
 
-    It is on the signs of expressions x whose abs(x) or sign(x) is in the right equations.
+    The condition is on the signs of expressions x for which abs(x) or sign(x) is in the right equations.
     """
     statement = case.statement
     try:
@@ -484,11 +483,11 @@ def _blamed(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> tuple[tup
 
 
 def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, doubted: bool) -> str:
-    """Return the end of a sentence on what right equations leave undetermined, or "".
+    """Return the end of a message on motions that right equations leave undetermined, or on missing constraints, or "".
 
     An equation without accelerations is replaced by its first or second time derivative. The length of a quaternion
     needs no equation. Constraints are part of the statement and need not be repeated. They are required only if the
-    answer is `doubted`: if it has a remark that does not hold, such as a wrong constraint.
+    answer is `doubted`: if an additional relation in it, such as a wrong constraint, does not hold.
     """
     statement = rows[0].statement
     names = [rotation_name(q) or name_of(q) for q in statement.coordinates]
@@ -546,7 +545,7 @@ def _refuted(
 ) -> EquationsComparison:
     """Return the result for an answer in which the equations with the indices `wrong` do not hold.
 
-    `named` says what is wrong.
+    `named` is the message that names the fault.
     """
     row, names, example, details = rows[wrong[0]], rows[0].statement.names, dict[str, float](), ""
     accelerations = [f"{name}_ddot" for name in names]

@@ -1,4 +1,4 @@
-"""Random states with the accelerations and multipliers at them, to many digits, without compiled code."""
+"""Draw the random states at which a student's equations are tested, with true accelerations in many digits."""
 
 from __future__ import annotations
 
@@ -22,21 +22,25 @@ from lagrange.statement.statement import Statement
 DIGITS = 60  # Decimal digits of the velocities: more than the accelerations have
 
 LEFT = 1e-40
-"""Largest residual, relative to its terms, of a satisfied relation that is linear in the velocities: rounding in 60
-digits."""
+"""Largest residual of a satisfied relation that is linear in the velocities, relative to its terms.
 
-SINGULAR = 1e-12  # Pivot, relative to its row, below which a matrix of relations or masses counts as singular
+It is the rounding error of 60 digits.
+"""
+
+SINGULAR = 1e-12
+"""Pivot of elimination, relative to its row, below which a matrix of relations or masses counts as singular"""
 LEAST = 1e-9  # Smallest magnitude of a non-zero coordinate or velocity, since difference steps are proportional to it
-ROUND_OFF = 1e-14  # Entries of a state on the constraints below this magnitude are rounding errors of zero
+ROUND_OFF = 1e-14
+"""Entries of a state on the constraints below this magnitude are set to zero: they are rounding errors"""
 ATTEMPTS = 120  # Largest number of random draws in the search for states
 
 
 @dataclass(frozen=True)
 class MotionSample:
-    """A state on the constraints, with the accelerations (n,), the multipliers (m,), the mass matrix and the gradients.
+    """A state on the constraints, with the accelerations (n,), multipliers (m,), mass matrix and constraint gradients.
 
-    `gradient` has a row for each constraint. `first_order` are the indices of coordinates without inertia, whose
-    equations of motion are of first order.
+    `mass` and `gradient` are tuples of rows, `gradient` with a row for each constraint. `first_order` are the indices
+    of coordinates without inertia, whose equations of motion are of first order.
     """
 
     point: SamplePoint
@@ -58,7 +62,7 @@ def motion_samples(
     """Return `count` states at which the statement determines the motion; equal seeds give equal states.
 
     Most parameters and states are of order one, so that no term is negligible. The coordinates with names in `positive`
-    are positive, and the parameters in `values` have those values. Raises StatementError if not enough states are
+    are positive, and the parameters in `values` have these values. Raises StatementError if not enough states are
     found.
     """
     sampler, states = Sampler(statement, seed), MotionStates(statement)
@@ -83,10 +87,10 @@ def motion_samples(
 
 
 class MotionStates:
-    """Finds states on the constraints and first-order equations of a statement, and the accelerations there.
+    """Finds states that satisfy the constraints and first-order equations of a statement; computes accelerations.
 
-    A first-order equation belongs to a coordinate without inertia, and is a relation between velocities. `indices`
-    are the indices of these coordinates, without those that occur in a constraint.
+    A first-order equation belongs to a coordinate without inertia, and is a relation between velocities. `indices` are
+    the indices of these coordinates, except those that occur in a constraint.
     """
 
     def __init__(self, statement: Statement) -> None:
@@ -105,7 +109,10 @@ class MotionStates:
         self._surface, self.reference = ConstraintSurface(statement), Reference(statement, self.indices)
 
     def satisfied(self, point: SamplePoint) -> SamplePoint:
-        """Return a nearby state on the constraints and first-order equations. Raises OutsideDomain if none is found."""
+        """Return a state near `point` that satisfies the constraints and first-order equations.
+
+        Raises OutsideDomain if none is found.
+        """
         if self._surface.holonomic:
             moved = self._surface.nearest(point.q, point.v, point.t, point.parameters)
             q, v = (tuple(0.0 if abs(x) < ROUND_OFF else x for x in entries) for entries in moved)

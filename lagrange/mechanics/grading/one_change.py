@@ -1,10 +1,10 @@
-"""The single change of one term, such as its sign or factor, that makes a wrong equation right.
+"""Find the single change of one term, such as its sign or factor, that makes a wrong equation right.
 
 The change may also be a missing term, or a term too many. It is found from values along the true motion.
 
 Every sum of the equation is tried: both sides, brackets and denominators. At each sample the residual determines by how
-much the sum has to change. If that change is the same small fraction of one term at all samples, or the fraction times
-a few powers of symbols, this term is wrong. The equations of motion, the constraints, the multipliers and the rates of
+much the sum has to change. If this change is the same small fraction of one term at all samples, or the fraction times
+a few powers of symbols, the term is wrong. The equations of motion, the constraints, the multipliers and the rates of
 rotations enter as numbers only, so all kinds of systems are treated alike.
 """
 
@@ -44,29 +44,29 @@ from lagrange.mechanics.grading.term_difference import (
 from lagrange.mechanics.plain_form import time_derivative
 from lagrange.statement.coordinate import constraint_of
 
-MOST_FACTORS = 26  # Largest number of different factors whose powers a change may contain: 6,000 pairs of powers
-MOST_TRIPLED = 12  # Largest number of factors of which products of three are tried: 1,800 products
+MOST_FACTORS = 26  # Largest number of factors whose powers a change may contain: 26 make 6,000 pairs of powers
+MOST_TRIPLED = 12  # Largest number of factors of which products of three are tried: 12 make 1,800 products
 MOST_MODELS = 120  # Largest number of right terms that a missing or replaced term may be a multiple of
 LONGEST = 600  # Largest number of operations of an equation whose terms are changed
 
-LONGEST_EXPANDED = 80  # Most operations of a corrected term that is expanded to find it among the right terms
-CLOSE = 1e-9  # Largest difference of two logarithms that count as equal: in doubles equal ones agree to 1e-14
-NONE = 1e-20  # Magnitude, relative to its terms, below which a sum is zero: the accelerations have about 30 digits
-# Costs of a change: of a sign, a factor 2 or 1/2, another number, an extra, a missing and a replaced term
+LONGEST_EXPANDED = 80
+"""Largest number of operations of a corrected term that is expanded to find it among the right terms"""
+CLOSE = 1e-9  # Largest difference of two logarithms that count as equal; rounding is about 1e-14
+NONE = 1e-20  # A sum below this fraction of its terms counts as zero: the accelerations have about 30 digits
+# Costs of changes: of a sign, of a factor 2 or 1/2, of another number, of an extra, a missing and a replaced term.
+# A change with a lower cost is a likelier mistake.
 SIGN, DOUBLED, FRACTION, LEFT_OUT, MISSED, REPLACED = 1.0, 1.1, 1.3, 1.4, 1.6, 2.4
-# Costs of a sine in place of a cosine and of one power, and the added cost of a sum or an unknown in a factor
+# Costs of a sine in place of a cosine, of one power, and of a sum or an unknown in a factor
 SWAPPED, POWER, OF_FACTOR = 0.2, 0.35, 1.2
-OF_NUMBER = 0.3  # Added cost of a change after which the accelerations are those of a right equation times a number
+OF_NUMBER = 0.3  # Added cost of a change after which the equation is a right one times a number such as 3
 
-# Added cost of changing a term of a typed d/dt(...) whose expression as a whole is not a wrong momentum
-OF_DERIVATIVE = 1.5
+OF_DERIVATIVE = 1.5  # Added cost of changing a single term of a typed d/dt(...)
 # Added costs of a change of a whole sum, of a term with an acceleration, and of a left side that is an acceleration
 OF_SIDE, OF_RATE, OF_SOLVED = 0.45, 0.15, 5.0
 DENOMINATOR = 0.1  # Added cost of a change in a denominator
 # Added costs of an acceleration and of a multiplier that the equation does not have elsewhere
 NEW_RATE, NEW_FORCE = 1.0, 0.5
-# Reductions of the cost if the corrected term is a right term: without a multiplier, with one, or with the opposite
-# sign
+# Reductions of the cost if the corrected term is a right one: without a multiplier, with one, with the opposite sign
 NATURAL, FORCE, TURNED = -0.3, -0.28, -0.1
 NUMBERED = 0.05  # Added cost of a corrected term with a number
 
@@ -76,8 +76,8 @@ class Sum:
     """A sum in an equation, the expression `whole`, and its place in the equation.
 
     `side` is 0 for the left side and 1 for the right side. `path` has the indices of SymPy arguments that lead to the
-    sum. `around` is the product of the factors that multiply the sum; `below` is true in a denominator. `terms` are
-    the terms of the sum. Like terms are not combined if they were typed separately.
+    sum. `around` is the product of the factors that multiply the sum. `below` is true if the sum is in a denominator.
+    `terms` are the terms of the sum. Like terms are not combined if they were typed separately.
     """
 
     side: int
@@ -129,10 +129,10 @@ def one_change(
 
 
 def evaluated(expressions: Sequence[Any], row: EquationRow, samples: Sequence[MotionSample]) -> list[Numbers]:
-    """Return the values of expressions at the samples, where accelerations and multipliers have their true values.
+    """Return the values of expressions at the samples, with the true values of accelerations and multipliers.
 
-    `row` is the equation with the definitions that the expressions may contain. Raises OutsideDomain if an expression
-    has no value, and BudgetSpent if the time is up.
+    The result has one list for each expression. `row` is the equation with the definitions that the expressions may
+    contain. Raises OutsideDomain if an expression has no value, and BudgetSpent if the time is up.
     """
     check_budget()
     unknowns = unknowns_of(row.statement)
@@ -152,7 +152,7 @@ def evaluated(expressions: Sequence[Any], row: EquationRow, samples: Sequence[Mo
 def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) -> bool:
     """Return True if the equation `corrected` is trivial, as x'' = x'', or has no accelerations although `row` has.
 
-    Also return True if the coefficients of one of them have no value at the sample.
+    The result is also True if coefficients of either equation have no value at the sample.
     """
     if not any(row.slopes.values()):
         return bool(sympy.expand(corrected.zero) == 0)
@@ -187,7 +187,7 @@ def _sums(side: int, expression: Any, typed: Sequence[Any]) -> Iterator[Sum]:
 
 
 def _with(expression: Any, path: Sequence[int], part: Any) -> Any:
-    """Return an expression with one part replaced; `path` are the argument indices that lead to the part."""
+    """Return an expression with `part` in place of one part; `path` are the argument indices that lead to this part."""
     if not path:
         return part
     first, *rest = path
@@ -208,7 +208,7 @@ class _Search:
         accelerations, self.forces = self.unknowns[:count], self.unknowns[count:]
         self.absent = [symbol for symbol in self.unknowns if not row.zero.has(symbol)]
 
-        # Other symbols that are as likely on the left side: definitions with an acceleration, velocities that are rates
+        # Other symbols that are likely on the left side: definitions with an acceleration, velocities of first order
         shorthands = {**abbreviations(row.statement), **row.equation.meanings}
         self.rates = [symbol for symbol, value in shorthands.items() if value.has(*self.unknowns)]
         self.rates += [velocities[i] for i in samples[0].first_order]
@@ -241,7 +241,7 @@ class _Search:
         return evaluated(expressions, self.row, self.samples)
 
     def _candidates(self, terms: Sequence[Any]) -> list[Any]:
-        """Return candidates for wrong factors: the bases of the factors of terms, those of the first terms first.
+        """Return candidates for wrong factors: the bases of the factors in `terms`, in the order of the terms.
 
         A sine comes with its cosine. If there are few candidates, all parameters are among them.
         """
@@ -257,10 +257,10 @@ class _Search:
 
     @cached_property
     def products(self) -> tuple[list[tuple[tuple[int, int], ...]], Any, list[float]]:
-        """Products of powers of candidate factors: a key, the logarithms of the values, and the cost of each product.
+        """Products of powers of candidate factors, as (keys, table, costs) with an entry for each product.
 
-        A key is ((index of a factor, exponent), ...). The logarithms are those of absolute values at the samples, an
-        array with a row for each product. The mean of each row is subtracted.
+        A key is ((index of a factor, exponent), ...). A row of the table has the logarithms of the product's magnitudes
+        at the samples, minus their mean.
         """
         values = self.base_values
         usable = [i for i, line in enumerate(values) if all(line)]
@@ -276,7 +276,7 @@ class _Search:
         return keys, table, [self._price(key) for key in keys]
 
     def _price(self, key: Sequence[tuple[int, int]]) -> float:
-        """Return the cost of a product of powers, `key`, of pairs (index of a factor, exponent)."""
+        """Return the cost of a product of powers; `key` has a pair (index of a factor, exponent) for each power."""
         bases = [self.bases[i] for i, _ in key]
         if len(key) == 2 and {e for _, e in key} == {1, -1}:  # one factor in place of another
             kinds = {type(base) for base in bases}
@@ -290,7 +290,7 @@ class _Search:
         return POWER * sum(abs(e) for _, e in key) + OF_FACTOR * len(unlikely)
 
     def multiples(self, values: Numbers) -> Iterator[tuple[float, Any, Any]]:
-        """Yield (cost, number, product of powers) if number times product has the given values at all samples."""
+        """Yield (cost, number, product of powers) for each number times product that equals `values` at all samples."""
         if not all(values):
             return
         keys, table, prices = self.products
@@ -312,7 +312,7 @@ class _Search:
     def _changed_terms(self, total: Sum, changes: Numbers) -> Iterator[tuple[float, Difference]]:
         """Yield (cost, difference) for changes of one term of a sum, or of the whole sum.
 
-        The changes of the sum at the samples are `changes`.
+        `changes` are the necessary changes of the sum at the samples.
         """
         parts = [(term, False) for term in total.terms]  # pairs (expression, True for the whole sum)
         if len(parts) > 1:
@@ -327,7 +327,7 @@ class _Search:
                     yield cost + cost_of_part, difference
 
     def _missing_terms(self, total: Sum, changes: Numbers) -> Iterator[tuple[float, Difference]]:
-        """Yield (cost, difference) for terms that are missing in a sum; their values at the samples are `changes`."""
+        """Yield (cost, difference) for terms that are missing in a sum; `changes` are their values at the samples."""
         has_unknowns = total.whole.has(*self.unknowns)
         for cost, term in self._among_models(changes):
             if total.path and term.has(*self.unknowns) and not has_unknowns:
@@ -336,7 +336,7 @@ class _Search:
             yield cost, Difference("missing", sympy.S.Zero, term)
 
     def _cost_of_right(self, total: Sum, right: Any) -> float:
-        """Return the additional cost of `right` as a term of the sum `total`, by its likeness to a right term."""
+        """Return the added cost of `right` as a term of the sum `total`; likeness to a right term lowers the cost."""
         term = (right * total.around).xreplace(dict(self.row.equation.meanings))
         signed = term if total.side == self.rate_side else -term
         if term.count_ops() <= LONGEST_EXPANDED and self.below >= _sums_below(signed):
@@ -373,7 +373,7 @@ class _Search:
                 yield total, [step * value for step, value in zip(steps, whole, strict=True)]
 
     def _of_term(self, term: Any, value: Numbers, changes: Numbers) -> Iterator[tuple[float, Difference]]:
-        """Yield (cost, difference) for changes of a term that change its value at the samples by `changes`.
+        """Yield (cost, difference) for replacements of a term that change its value at the samples by `changes`.
 
         `value` are the values of the term at the samples.
         """
@@ -403,7 +403,7 @@ class _Search:
             yield cost + REPLACED - MISSED, Difference("wrong", term, right)
 
     def _among_models(self, values: Numbers) -> Iterator[tuple[float, Any]]:
-        """Yield (cost, term) for terms with these values at the samples; each is a multiple of a right term."""
+        """Yield (cost, term) for multiples of right terms that equal `values` at all samples."""
         for model, line in zip(self.models, self.model_values, strict=True):
             if all(line):
                 for cost, number, factor in self.multiples([x / y for x, y in zip(values, line, strict=True)]):
@@ -437,7 +437,7 @@ class _Search:
             return OF_SOLVED
         if opposite == 0:
             return 0.0
-        # Sides of which each term has an acceleration or a multiplier, or is of a typed derivative.
+        # True for a side if each of its terms has an acceleration or a multiplier, or comes from a typed derivative.
         has_rates, other_has = (
             all(term.has(*self.unknowns) or term in self.derived for term in sympy.Add.make_args(side))
             for side in (containing, opposite)
@@ -447,10 +447,10 @@ class _Search:
         return OF_RATE * (1 + total.side) / 2
 
     def has_unlikely_factor(self, row: EquationRow) -> bool:
-        """Return True if the equation `row` is a right one times an unlikely factor, such as 3 m.
+        """Return True if the equation `row` is a right equation times an unlikely factor, such as 3 m.
 
-        Only the coefficients of accelerations are compared. A factor is likely if it is a product of symbols, without
-        a number other than 1 or -1.
+        Only the coefficients of accelerations are compared. A factor is likely if it is a product of symbols, without a
+        number other than 1 or -1.
         """
         try:
             slopes = [row.numbers(sample) for sample in self.samples]
@@ -481,7 +481,7 @@ class _Search:
 
 
 def _bases(term: Any) -> list[Any]:
-    """Return the bases of the factors of a product, which are powers: m and l for m*l**2."""
+    """Return the bases of the factors of a product of powers, such as m and l for m*l**2."""
     return [factor.as_base_exp()[0] for factor in sympy.Mul.make_args(term)]
 
 

@@ -1,4 +1,4 @@
-"""Slips that explain all faults of an answer at once, and numbers that stand for others.
+"""Find one slip that explains all wrong equations of an answer, and numbers typed in place of exact ones or symbols.
 
 Slips are a sign, a factor 2 or 1/2 of a symbol everywhere, degrees, small angles, or a wrong definition. Numbers are
 decimals rounded from exact numbers, and values of parameters.
@@ -23,7 +23,7 @@ from lagrange.mechanics.expansion import small
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, motion_samples
 from lagrange.mechanics.grading.student_equations import (
     DIGITS,
-    HELD,
+    LARGEST_RESIDUAL,
     EquationRow,
     StudentEquation,
     abbreviations,
@@ -43,12 +43,12 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.statement.typed.names import RATES
 
-# Largest number of operations in all equations together for which slips are tried; each slip costs evaluations
-LONGEST_SLIP = 400
+LONGEST_SLIP = 400  # Largest number of operations, in all equations together, for which slips are tried
 MOST_SYMBOLS = 12  # Largest number of coordinates and parameters for which slips are tried
 LONGEST_DEFINITION = 40  # Largest number of operations of a definition whose corrections are tried
-CLOSE = 1e-20  # Residual of an equation below which a corrected definition is examined at all samples
-FACTORS = {sympy.Integer(2): "2*", sympy.S.Half: "1/2*"}  # Wrong factors, and their text in a message
+CLOSE = 1e-20  # Largest residual, at the first sample, with which a corrected definition is examined at all samples
+FACTORS = {sympy.Integer(2): "2*", sympy.S.Half: "1/2*"}
+"""Factors that students forget or add, and their text in a message"""
 
 _CIRCULAR = (sympy.sin, sympy.cos, sympy.tan)
 
@@ -59,8 +59,9 @@ Slip = tuple[str, Mapping[Any, Any]]
 def slip_of(rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample]], *, common: bool) -> str:
     """Return a sentence on the single slip whose correction makes all equations right, or "".
 
-    They are right if they hold at all samples of one of the `choices`. With `common` the slips are those of `_slips`,
-    such as degrees, else those of `_factors`. The result is also "" if the equations are too long, or the time is up.
+    Equations are right if they hold at all samples of one of the `choices`. If `common` is true, the slips of `_slips`
+    are tried, such as degrees; else those of `_factors`. The result is also "" if the equations are too long, or the
+    time is up.
     """
     statement, zeros = rows[0].statement, [row.zero for row in rows]
     if sum(int(zero.count_ops()) for zero in zeros) > LONGEST_SLIP:
@@ -80,7 +81,7 @@ def slip_of(rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample
 
 
 def _all_hold(zeros: Sequence[Any], statement: Statement, *choices: Sequence[MotionSample]) -> bool:
-    """Return True if equations, as expressions that are zero, hold at all samples of one of the `choices`."""
+    """Return True if the equations `zeros` = 0 hold at all samples of one of the `choices`."""
     with suppress(StatementError):
         rows = [row_of(StudentEquation(zero), statement) for zero in zeros]
         return any(all(row.holds(samples) for row in rows) for samples in choices)
@@ -90,8 +91,8 @@ def _all_hold(zeros: Sequence[Any], statement: Statement, *choices: Sequence[Mot
 def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
     """Return a sentence if the equations are right after linearization about zero coordinates, else "".
 
-    `zeros` are the equations as expressions that are zero. A system with rotations gives "", because the entries of a
-    quaternion cannot all be zero.
+    The equations are `zeros` = 0. A system with rotations gives "", because the entries of a quaternion cannot all be
+    zero.
     """
     moving = set(statement.plain.values())
     if statement.rotations or any(
@@ -111,8 +112,9 @@ def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
 def _has_direction(parameter: Any, statement: Statement) -> bool:
     """Return True if a parameter has a direction, such as g or a force, unlike a mass, length or stiffness.
 
-    Such a parameter is a factor of forces, or of terms of the potential with either sign. The kinetic energy does not
-    contain it. Coefficients of drag and friction have no direction. A magnetic field, whose forces do no work, has one.
+    A parameter with a direction is a factor of forces, or of terms of the potential with either sign. The kinetic
+    energy does not contain it. Coefficients of drag and friction have no direction. A magnetic field, whose forces do
+    no work, has a direction.
     """
     if statement.kinetic.has(parameter):
         return False
@@ -128,9 +130,9 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
 
 
 def _slips(zeros: Sequence[Any], parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
-    """Yield common slips that the equations may contain, the most common first.
+    """Yield common slips that the equations `zeros` = 0 may contain, the most common first.
 
-    `zeros` are the equations as expressions that are zero, and `parameters` those that they contain.
+    `parameters` are the parameters in the equations.
     """
     for p in parameters:
         if _has_direction(p, statement):
@@ -151,9 +153,9 @@ def _slips(zeros: Sequence[Any], parameters: Sequence[Any], statement: Statement
 
 
 def _factors(parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
-    """Yield slips that one wrong term may explain, too: opposite signs and directions, and factors 2 and 1/2.
+    """Yield slips that may also look like one wrong term: signs, directions, and factors 2 and 1/2.
 
-    `parameters` are those that the equations contain.
+    `parameters` are the parameters in the equations.
     """
     for p in parameters:
         if not statement.kinetic.has(p):
@@ -168,7 +170,7 @@ def _factors(parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
 
 
 def _multiples(coordinates: Sequence[tuple[Any, ...]]) -> Iterator[Slip]:
-    """Yield slips of a factor 2 or 1/2 in each coordinate. `coordinates` are (coordinate, velocity, acceleration)."""
+    """Yield slips of a factor 2 or 1/2 in each of the `coordinates`: (coordinate, velocity, acceleration)."""
     for factor, text in FACTORS.items():
         for q, v, a in coordinates:
             yield f"All is right for {text}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}
@@ -183,8 +185,8 @@ def _coordinates(statement: Statement) -> list[tuple[Any, ...]]:
 def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample], write: Write, *, alone: bool) -> str:
     """Return a sentence on the definition whose correction makes all equations right, or "".
 
-    Corrections are those of `_variants`, the shortest ones first. A constant is replaced by constants only. `alone` is
-    true if one wrong term explains the fault, too. Then the square and the root of the definition are not tried.
+    Corrections are those of `_variants`, the shortest ones first. A constant is replaced by constants only. If `alone`
+    is true, one wrong term explains the fault, too; then the square and the root of the definition are not tried.
     """
     statement, sample, point = rows[0].statement, samples[0], samples[0].point
     coordinates = list(statement.plain.values())
@@ -222,7 +224,7 @@ def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample
 
 
 def _variants(expression: Any, symbols: Sequence[Any]) -> Iterator[Any]:
-    """Yield expressions that differ from `expression` by one slip.
+    """Yield expressions that differ from `expression` by one slip; `symbols` may occur in them.
 
     Slips are a wrong sign, symbol, factor or power, a quotient upside down, a missing or superfluous square root or
     number, and a sine in place of a cosine.
@@ -257,19 +259,17 @@ def _changed_parts(expression: Any, symbols: Sequence[Any]) -> Iterator[Any]:
             yield expression.func(*expression.args[:i], changed, *expression.args[i + 1 :])
 
 
-# Fewest significant digits of a rounded number that is right: 9.81 and 0.667 are, 9.8 and 0.67 are not
-FEWEST_DIGITS = 3
-# Largest number of operations of an equation whose decimals are examined; each costs a derivative
-LONGEST_ROUNDED = 400
+FEWEST_DIGITS = 3  # Least number of significant digits of a rounded number: 9.81 is accepted, 9.8 is not
+LONGEST_ROUNDED = 400  # Largest number of operations of an equation whose decimals are examined
 _DECIMAL = re.compile(r"(?<![\w.])[0-9]*\.[0-9]+(?:e[+-]?[0-9]+)?(?!\w)")
 
 
 def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> StudentEquation | None:
     """Return an equation with exact numbers in place of decimals, if it then holds at all samples; else None.
 
-    Its `note` is a sentence on these numbers. The exact numbers replace decimals that are rounded from them and have
+    The equation's `note` is a sentence on these numbers. They replace decimals that are rounded from them and have
     enough digits: 0.667 becomes 2/3. A number that was cut off, such as 0.666, remains. SymPy multiplies the decimals
-    in a product. The result is assumed to be as precise as the most precise decimal of the equation.
+    in a product, so the result is assumed to be as precise as the most precise decimal of the equation.
     """
     equation = row.equation
     typed = [Decimal(text) for text in _DECIMAL.findall(equation.read)]
@@ -278,7 +278,7 @@ def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> Stu
         return None
     if any(number and not TINY <= abs(float(number)) <= 1 / TINY for number in (*typed, *decimals)):
         return None
-    typed.sort(key=_unit)  # the most precise ones first
+    typed.sort(key=_unit)  # most precise first
     try:
         exact = _exact_numbers(row, decimals, samples)
         corrected = equation.with_numbers(exact)
@@ -287,9 +287,9 @@ def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> Stu
         return None
     sources = {x: next((y for y in typed if float(y) == abs(float(x))), typed[0]) for x in exact}
     errors = {x: (exact[x] / x - 1) / _unit(source) for x, source in sources.items()}  # in units of the last digit
-    if not holds or any(not HELD - 0.5 < error < 1 - HELD for error in errors.values()):
+    if not holds or any(not LARGEST_RESIDUAL - 0.5 < error < 1 - LARGEST_RESIDUAL for error in errors.values()):
         return None
-    cut = next((x for x, error in errors.items() if error > 0.5 + HELD), None)
+    cut = next((x for x, error in errors.items() if error > 0.5 + LARGEST_RESIDUAL), None)
     if cut is not None:
         rounded = f"{abs(float(exact[cut])):.{len(sources[cut].as_tuple().digits)}g}"
         number = _text(abs(exact[cut]), FEWEST_DIGITS)
@@ -304,9 +304,9 @@ def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> Stu
 
 
 TINY = 1e-300
-"""Decimals below this size, and above its inverse, are not taken for rounded numbers.
+"""Smallest decimal that is examined for rounding, and the inverse of the largest.
 
-Their digits, or those of their products, are not those of doubles.
+Beyond these sizes products of decimals leave the range of doubles.
 """
 
 
@@ -318,16 +318,16 @@ def _unit(number: Decimal) -> float:
 def _text(value: Any, digits: int) -> str:
     """Return a number as a fraction, or as a decimal with `digits` digits.
 
-    It is a decimal if it is not rational, or if its fraction is long, such as 981/100.
+    A decimal is returned if the number is not rational, or if its fraction is longer, such as 981/100.
     """
     return str(value) if value.is_Rational and value.q not in (10, 100, 1000) else f"{float(value):.{digits + 3}g}"
 
 
 def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[MotionSample]) -> dict[Any, Any]:
-    """Return {decimal: exact number}, by one step of Newton's method with as many samples as there are decimals.
+    """Return {decimal: exact number} for the decimals of an equation, by one step of Newton's method.
 
-    Decimals that are exact are left out. If the equation determines them only up to a common factor, the last decimals
-    stay as they are. Raises OutsideDomain if no number is determined.
+    It takes as many samples as there are decimals. Decimals that are exact are left out. If the equation determines
+    them only up to a common factor, the last decimals stay unchanged. Raises OutsideDomain if no number is determined.
     """
     names = {number: sympy.Dummy(real=True) for number in decimals}
     opened, typed = row.zero.xreplace(names), {name: number for number, name in names.items()}
@@ -341,21 +341,22 @@ def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[
         except OutsideDomain:
             continue
         values = [(x, float(x) - step) for x, step in zip(decimals, steps, strict=False)]
-        changed = [(x, y, constant_of([y])) for x, y in values if abs(y - float(x)) > HELD * abs(float(x))]
+        changed = [(x, y, constant_of([y])) for x, y in values if abs(y - float(x)) > LARGEST_RESIDUAL * abs(float(x))]
         return {x: sympy.Float(str(y), 30) if f is None else sympy.Rational(f) for x, y, f in changed}
     raise OutsideDomain("no decimal is determined")
 
 
-LARGEST_COUNT = 4  # Integers up to this, and halves of integers, may be exponents and factors of right equations
+LARGEST_COUNT = 4
+"""Integers up to this number, and their halves, are exponents or factors rather than values of parameters"""
 
 
 def with_parameters(
     rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample]]
 ) -> tuple[Sequence[EquationRow], str]:
-    """Return wrong equations with parameters in place of their values, such as g for 9.81, and a sentence on these.
+    """Return equations with parameters in place of their values, such as g for 9.81, and a sentence on these.
 
-    A value counts if no equation contains its parameter. The rows are unchanged, and the sentence is empty, if there is
-    no such value, or if all equations then hold at one of the `choices` of samples.
+    A value is replaced if no equation contains its parameter. The rows are unchanged, and the sentence is empty, if
+    there is no such value, or if all equations then hold at one of the `choices` of samples.
     """
     statement = rows[0].statement
     absent = {float(x): p for p, x in statement.defaults.items() if not any(row.zero.has(p) for row in rows)}

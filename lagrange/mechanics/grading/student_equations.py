@@ -1,4 +1,4 @@
-"""A user's equations of motion: read, split into coefficients, and tested whether they hold at a state."""
+"""Read a student's equations of motion, split them into coefficients, and test whether they hold at a state."""
 
 from __future__ import annotations
 
@@ -31,24 +31,28 @@ from lagrange.statement.vocabulary.letters import WORD
 MULTIPLIER = "lambda_"  # Prefix that turns the name of a constraint into the name of its multiplier
 
 FORCES = ("T", "N", "S", "F", "f", "mu", "FT", "FN", "FS", "FR", "Ff", "Fc", "fs")
-"""Letters that denote constraint forces, unless a symbol has the name: with the number of the constraint, or alone if
-they are the only unknown of the only constraint."""
+"""Letters that denote constraint forces, unless a symbol of the system has the same name.
 
-# Letters that denote the force of the only constraint also in an answer that is solved for the accelerations
+A letter has the number of its constraint, such as T1, or is the only unknown name in an answer to a system with one
+constraint.
+"""
+
+# Letters that denote the force of the only constraint in any case: they need not be the only unknown names
 USUAL = ("T", "N", "S", "FT", "FN", "FS", "Fc")
-# Usual letters for derivatives of the only coordinate of a kind; omega is left out, since it may be a frequency
+# Usual letters for derivatives of a coordinate, if it is the only one of its kind. omega may be a frequency instead
 RATE_LETTERS = {name: {"v": "_dot", "a": "_ddot"} for name in ("x", "y", "z", "s", "r", "h")}
 RATE_LETTERS |= {name: dict.fromkeys(("alpha", "angularacceleration"), "_ddot") for name in ("theta", "phi", "psi")}
-ORDINALS = ("", "second", "third", "fourth", "fifth")  # Names of the equalities of a = b = c after the first
+ORDINALS = ("", "second", "third", "fourth", "fifth")  # Names of the equations in a = b = c after the first
 
 
 @dataclass(frozen=True)
 class StudentEquation(Reading):
     """An equation of motion as it was understood, in the plain symbols of `Statement.plain`.
 
-    `label` names it in messages. `index` is that of the equation in the answer; a chain a = b = c is one equation in
-    the answer and several here. `letters` maps multipliers to the letters that were typed for them. `note` is a
-    sentence on why an equation counts as right, such as for rounded decimals, or "".
+    `label` names the equation in messages. `index` is the index of the equation in the answer; a chain a = b = c is one
+    equation in the answer and several here. `letters` maps multipliers to the letters that were typed for them.
+    `others` are other readings of an ambiguous text. `note` is a sentence on why an equation counts as right, such as
+    for rounded decimals, or "".
     """
 
     label: str = ""
@@ -58,14 +62,14 @@ class StudentEquation(Reading):
     index: int = 0
 
     def with_numbers(self, numbers: Mapping[Any, Any]) -> StudentEquation:
-        """Return the equation with other expressions in place of numbers, also in the definitions: {number: other}."""
+        """Return the equation with other expressions in place of numbers, as in the mapping {number: expression}."""
         meanings = {symbol: value.xreplace(numbers) for symbol, value in self.meanings.items()}
         zero, right = self.zero.xreplace(numbers), self.right.xreplace(numbers)
         return replace(self, zero=zero, right=right, meanings=meanings)
 
 
 def read_equations(answer: Any, statement: Statement) -> list[StudentEquation]:
-    """Return the equations in a list, in a dict by coordinate, or in one text, expression or Eq.
+    """Return the equations of an answer: a list, a dict by coordinate, one text, one expression, or one Eq.
 
     A text has = or == between two sides, or is an expression that is zero. q_dot and q_ddot are the derivatives of q;
     lambda_name is the multiplier of the constraint `name`. Raises StatementError, with the equation's label, if an
@@ -101,7 +105,7 @@ class _EquationReader:
         self.names = {symbol.name: symbol for symbol in self.plain.values()}
         self.names |= {p.name: p for p in statement.parameters}
         self.prescribed = dict(statement.prescribed)
-        for leaf, value in self.prescribed.items():  # a function of time X or its derivative: X_dot, X_ddot
+        for leaf, value in self.prescribed.items():  # derivatives of a function of time X are X_dot and X_ddot
             order = len(leaf.variables) if isinstance(leaf, sympy.Derivative) else 0
             self.names[name_of(leaf.expr if order else leaf) + RATES[order]] = value
         self.names |= {symbol.name: symbol for symbol in abbreviations(statement)}
@@ -113,7 +117,7 @@ class _EquationReader:
         spellings |= dict.fromkeys(("lambda", "lam"), self.force) if self.force else {}
         known = set(map(canonical, self.names))
         self.spellings = {letter: name for letter, name in spellings.items() if letter not in known}
-        # The rates of the only rotation may be spelled w1 or omega_x, unless that is a symbol of the system.
+        # Rates of the only rotation may be spelled w1 or omega_x, unless a symbol of the system has this name.
         (rotation,) = statement.rotations if len(statement.rotations) == 1 else ("",)
         letters = [letter for letter in ("w", "omega", "Omega") if rotation and letter not in self.names]
         pairs = [*zip("123xyz", "xyzxyz", strict=True)]
@@ -123,14 +127,14 @@ class _EquationReader:
     def reader(self, text: str, what: str = "") -> tuple[TypedReader, dict[Any, Any]]:
         """Return a reader for a text, and {multiplier: symbol of the letter that the text uses for it}.
 
-        For a system with one constraint, the text may use another letter for the multiplier, such as one for a force.
-        It must be clear from the unknown names in the text which letter this is. `what` is the label of the text in
+        For a system with one constraint, the text may use another letter for the multiplier, such as a letter for a
+        force. The unknown names in the text must leave only one such letter. `what` is the label of the text in
         messages.
         """
         words = {canonical(word) for word in WORD.findall(text)}
         reader, letters = TypedReader(self.names, self.others), [letter for letter in self.spellings if letter in words]
         if self.force and not letters:
-            # Letters that are unknown words come before letters at an end of such words, as in 2T, and these before
+            # First choice are letters that are unknown words, then letters at an end of such words, as in 2T, then
             # other usual letters.
             unknown, free = reader.unknown(text, what), [x for x in FORCES if x not in map(canonical, self.names)]
             whole = [letter for letter in free if letter in unknown]
@@ -141,10 +145,10 @@ class _EquationReader:
         return reader, {self.names[self.spellings.get(letter, self.force)]: sympy.Symbol(letter) for letter in letters}
 
     def likely(self, answer: str, read: Callable[[_EquationReader], list[StudentEquation]]) -> list[StudentEquation]:
-        """Return the equations that `read` reads with this reader, or else with one of `_with_usual_rates`.
+        """Return the equations that `read` finds with this reader, or with a reader of `_with_usual_rates`.
 
-        Those are tried if `read` fails, or if no equation has an acceleration. Equations without accelerations are kept
-        if no reader finds one. Raises StatementError if all readers fail.
+        Those readers are tried if `read` fails, or if no equation has an acceleration. Equations without accelerations
+        are kept if no reader finds any acceleration. Raises StatementError if all readers fail.
         """
         equations, refusal = list[StudentEquation](), None
         try:
@@ -167,7 +171,7 @@ class _EquationReader:
         return any(equation.zero.xreplace(dict(equation.meanings)).has(*accelerations) for equation in equations)
 
     def document(self, answer: str) -> list[StudentEquation]:
-        """Return the equations of a text, or else of its formulas, or of its section "Equations of motion"."""
+        """Return the equations of a text, or of its formulas, or of its section "Equations of motion"."""
         try:
             return self._all(answer)
         except StatementError:
@@ -177,12 +181,12 @@ class _EquationReader:
             raise
 
     def _with_usual_rates(self, answer: str) -> Iterator[_EquationReader]:
-        """Yield readers that know the letters which an answer may use for derivatives of coordinates.
+        """Yield readers that accept usual letters for derivatives of coordinates in an answer.
 
-        They are v and a of the only length, as in m a = -k x - c v, alpha of the only angle, and v1 and a1 of x1. A
+        These are v and a of the only length, as in m a = -k x - c v, alpha of the only angle, and v1 and a1 of x1. A
         letter is not an acceleration if an equation of the answer has another acceleration, as in x'' = -a x.
         """
-        meanings: dict[str, list[str]] = {}  # of each letter with its index, such as v1
+        meanings: dict[str, list[str]] = {}  # by letter with index, such as v1
         for name in (name for name in self.names if f"{name}_ddot" in self.names):
             stem = name.rstrip("_0123456789")
             for letter, ending in RATE_LETTERS.get(stem, {}).items():
@@ -219,7 +223,7 @@ class _EquationReader:
     def read(self, answer: Any, what: str, index: int) -> list[StudentEquation]:
         """Return the equation of a text, of an expression that is zero, or of an Eq; a = b = c is two equations.
 
-        `what` is its label, and `index` its position in the answer.
+        `what` is the label of the equation, and `index` its position in the answer.
         """
         if isinstance(answer, str):
             return self.likely(answer, lambda reader: reader._single(answer, what, index))
@@ -239,7 +243,7 @@ class _EquationReader:
             ) from None
 
     def _single(self, answer: str, what: str, index: int) -> list[StudentEquation]:
-        """Return the only equation of a text with the label `what`. Raises StatementError."""
+        """Return the only equation of a text with the label `what`. Raises StatementError if there are more or none."""
         reader, letters = self.reader(answer, what)
         equations = reader.equations(answer, what)
         count = sum(not typed.link for typed in equations)
@@ -256,8 +260,7 @@ class _EquationReader:
         """Return an expression in the plain symbols of the statement.
 
         Parameters are identified by their names. Raises StatementError, with the label `what`, for unknown symbols,
-        functions and multipliers. Also raises it for powers beyond the limits for texts: SymPy would write 2**(10**9)
-        out.
+        functions and multipliers, and for powers beyond the limits for texts: SymPy would write out 2**(10**9).
         """
         for power in stated.atoms(sympy.Pow):
             if power.exp.is_Rational and abs(power.exp) > LARGEST_EXPONENT:
@@ -289,7 +292,7 @@ class _EquationReader:
 
 
 def _equation(label: str, typed: Reading, letters: Mapping[Any, Any], index: int) -> StudentEquation:
-    """Return a typed equation, with its further readings, as an equation of a student.
+    """Return a typed equation, with its other readings, as an equation of a student.
 
     `label` names the equation in messages, and `index` is its position in the answer. `letters` maps multipliers to the
     letters that were typed for them.
@@ -305,7 +308,7 @@ def _equation(label: str, typed: Reading, letters: Mapping[Any, Any], index: int
 def abbreviations(statement: Statement) -> dict[Any, Any]:
     """Return {symbol: value in plain symbols} for the entries and rates of rotations, and for their derivatives.
 
-    An equation keeps such symbols, R_body_x or R_body_x_dot, so that its terms are those that were typed.
+    An equation keeps symbols such as R_body_x and R_body_x_dot, so that its terms remain as typed.
     """
     return {symbol: in_full(f).xreplace(statement.plain) for f, symbol in rate_symbols(statement).items()}
 
@@ -317,19 +320,22 @@ def rate_symbols(statement: Statement) -> dict[Any, Any]:
 
 
 DIGITS = 40  # Decimal digits of evaluations; the accelerations are accurate to about 30 digits
-ZERO = 1e-12  # Accelerations below this fraction of 1 plus the largest count as zero
+ZERO = 1e-12  # Rounding error of accelerations, relative to 1 plus the largest of them
 
-HELD = 1e-14
-"""Largest residual, relative to the terms, of an equation that holds. Its numbers may be results of about 50 operations
-on doubles. A wrong term passes only if it is smaller than this at every state."""
+LARGEST_RESIDUAL = 1e-14
+"""Largest residual of an equation that holds, relative to its terms.
+
+Its numbers may be results of about 50 operations on doubles. A wrong term passes only if it is smaller than this at
+every state.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class EquationRow:
-    """A typed equation split into coefficients: left minus right side = rest + sum of slopes[z] * z.
+    """A typed equation split into coefficients: left minus right side = `rest` + sum of `slopes`[z] * z.
 
     The unknowns z are accelerations and multipliers. `zero` is left minus right side, with the rates of rotations and
-    the definitions of the answer written out.
+    the definitions of the answer written out. `equation` is the equation as typed.
     """
 
     statement: Statement
@@ -344,9 +350,9 @@ class EquationRow:
         return self.equation.zero + self.equation.right, self.equation.right
 
     def with_zero(self, zero: Any, right: Any = sympy.S.Zero) -> EquationRow:
-        """Return an `EquationRow` for another equation, `zero` = 0, with the label of this one.
+        """Return an `EquationRow` for the equation `zero` = 0, with the label of this row.
 
-        `right` is its right side; the left side is zero + right. Raises StatementError if it is not linear in
+        `right` is its right side; its left side is zero + right. Raises StatementError if it is not linear in
         accelerations and multipliers.
         """
         equation = StudentEquation(zero, right, label=self.equation.label, meanings=self.equation.meanings)
@@ -370,7 +376,7 @@ class EquationRow:
     def ways(self, point: SamplePoint) -> tuple[int | None, ...]:
         """Return the outcome of each switch, such as a condition or Abs, at a point.
 
-        Raises OutsideDomain if the equation has no value there.
+        Raises OutsideDomain if the equation has no value at the point.
         """
         outcomes, _ = self._tape.inspect(point.q, point.v, point.t, point.parameters)
         return outcomes
@@ -382,8 +388,8 @@ class EquationRow:
     def leading(self, sample: MotionSample) -> list[Any]:
         """Return the coefficients of accelerations and multipliers at a sample, as numbers.
 
-        For an equation without accelerations and multipliers they are the coefficients of its first or second time
-        derivative. Raises OutsideDomain if one has no value.
+        An equation without these unknowns is differentiated once or twice in time first. Raises OutsideDomain if a
+        coefficient has no value.
         """
         if any(self.slopes.values()):
             return self.numbers(sample)
@@ -393,25 +399,25 @@ class EquationRow:
         return [*slopes, *[0] * len(sample.multipliers)]
 
     def residual(self, sample: MotionSample) -> tuple[Any, Any]:
-        """Return left minus right side for the true motion at a sample, and the magnitude of the terms in it."""
+        """Return (left minus right side for the true motion at a sample, magnitude of the terms in it)."""
         values, count = values_at(self._tape, sample), len(self.slopes)
         slopes, rest, parts = values[:count], values[count], values[count + 1 :]
         solved = [*sample.accelerations, *sample.multipliers]
         terms = [slope * x for slope, x in zip(slopes, solved, strict=True)]
-        # The error of a zero acceleration is as large as that of the others.
-        floor = ZERO * (1 + max(map(abs, solved))) * sum(map(abs, slopes))
-        return sum(terms) + rest, sum(map(abs, terms)) + max(abs(rest), sum(map(abs, parts))) + floor
+        # An acceleration that is zero has a rounding error, too.
+        rounding = ZERO * (1 + max(map(abs, solved))) * sum(map(abs, slopes))
+        return sum(terms) + rest, sum(map(abs, terms)) + max(abs(rest), sum(map(abs, parts))) + rounding
 
     def holds(self, samples: Sequence[MotionSample]) -> bool:
         """Return True if the true motion satisfies the equation at every sample at which the equation has a value.
 
-        False if there is no such sample.
+        The result is False if there is no such sample.
         """
         tried = False
         for sample in samples:
             with suppress(OutsideDomain):
                 left, size = self.residual(sample)
-                if abs(left) > HELD * size:
+                if abs(left) > LARGEST_RESIDUAL * size:
                     return False
                 tried = True
         return tried
@@ -422,12 +428,12 @@ def unknowns_of(statement: Statement) -> list[Any]:
     return [*list(statement.plain.values())[2::3], *(constraint.multiplier for constraint in statement.constraints)]
 
 
-# Functions that appear in the slope of an equation if it has a kink or a jump at some acceleration
+# Functions in the slope of an equation that is not smooth in an acceleration
 _JUMPS = (sympy.Heaviside, sympy.DiracDelta, sympy.sign, sympy.Abs, sympy.Max, sympy.Min, sympy.Piecewise)
 
 
 def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
-    """Return an equation as a row of linear coefficients.
+    """Return an equation of an answer as a row of linear coefficients.
 
     Raises StatementError if it is not linear in accelerations and multipliers.
     """
@@ -460,15 +466,15 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:
     """Return a program that computes expressions in plain symbols, in multiple precision.
 
-    The derivative of a jump, such as that of sign(x) at zero, is taken as zero. Raises OutsideDomain if a constant
-    has no value.
+    The derivative of a jump, such as of sign(x) at zero, is taken as zero. Raises OutsideDomain if a constant has no
+    value.
     """
     stated = {symbol: leaf for leaf, symbol in statement.plain.items()}
-    beside = (expression.replace(sympy.DiracDelta, lambda *_: sympy.S.Zero) for expression in expressions)
-    return Precise([expression.xreplace(stated) for expression in beside], statement, DIGITS)
+    smooth = (expression.replace(sympy.DiracDelta, lambda *_: sympy.S.Zero) for expression in expressions)
+    return Precise([expression.xreplace(stated) for expression in smooth], statement, DIGITS)
 
 
 def values_at(expressions: Precise, sample: MotionSample) -> list[Any]:
-    """Return the values of a program's expressions at a sample. Raises OutsideDomain if an expression has none."""
+    """Return the values of a program's expressions at a sample. Raises OutsideDomain if one has no value."""
     point, number = sample.point, expressions.context.mpf
     return expressions(point.q, point.v, point.t, {p: number(x) for p, x in point.parameters.items()})

@@ -1,4 +1,4 @@
-"""Difference between a typed term and the right one, and the limit on the processor time of the search for it."""
+"""Describe how a typed term differs from the right one, expand terms, and limit the time of the search for it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import sympy
 
-from lagrange.mechanics.grading.student_equations import HELD
+from lagrange.mechanics.grading.student_equations import LARGEST_RESIDUAL
 from lagrange.mechanics.plain_form import term_count
 
 Numbers = list[Any]  # Values of an expression at the samples
@@ -22,14 +22,16 @@ Write = Callable[[Any], str]  # Function that returns the text of an expression 
 LARGEST_MULTIPLE = 20  # Largest multiple of an angle whose sine is expanded
 MOST_TERMS = 2_000  # Largest number of terms of an expanded sum in which a wrong term is searched
 LARGEST_FACTOR = 1000  # Largest denominator of a fraction that approximates a constant factor
-LARGEST_NUMERATOR = 10**6  # Largest constant factor: the fraction of a number with many digits takes minutes
+LARGEST_NUMERATOR = 10**6
+"""Largest constant factor that is written as a fraction: a number with many digits takes minutes"""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of a term: the expression that was typed, and the right one in its place.
+    """Difference of a term: `typed` is the typed expression, `right` the right one in its place.
 
-    If `kind` is "scaled", `typed` is the constant `ratio` times `right`.
+    `kind` says how they differ: "missing" (`typed` is 0), "extra" (`right` is 0), "scaled" (`typed` is the constant
+    `ratio` times `right`), or "wrong".
     """
 
     kind: Literal["missing", "extra", "scaled", "wrong"]
@@ -37,7 +39,7 @@ class Difference:
     right: Any
     ratio: Fraction = Fraction(1)
 
-    def told(self, factor: Any, write: Write) -> str:
+    def ending(self, factor: Any, write: Write) -> str:
         """Return the end of a sentence on the difference. Both expressions are first multiplied by `factor`.
 
         `write` turns an expression into text.
@@ -95,7 +97,7 @@ def expanded(expression: Any) -> tuple[Any, ...]:
 
 
 def scaled_by(number: Fraction, expression: Any) -> Any:
-    """Return a number times an expression, distributed over the terms of a sum.
+    """Return a number times an expression, multiplied into each term of a sum.
 
     Common factors of denominators are taken out: 3*R - 3*r becomes 3*(R - r).
     """
@@ -116,28 +118,29 @@ def constant_of(values: Numbers) -> Fraction | None:
 
 
 def same(left: Numbers, right: Numbers, times: int = 1) -> bool:
-    """Return True if times * left equals right at all samples, up to rounding."""
-    return all(abs(times * a - b) <= HELD * (abs(times * a) + abs(b)) for a, b in zip(left, right, strict=True))
+    """Return True if `times` * left equals right at all samples, up to rounding."""
+    return all(
+        abs(times * a - b) <= LARGEST_RESIDUAL * (abs(times * a) + abs(b)) for a, b in zip(left, right, strict=True)
+    )
 
 
 SECONDS = 1.2
-"""Processor time of a comparison, with reading, after which no wrong term or slip is searched.
+"""Processor time of a comparison, from reading on, after which the search for wrong terms and slips stops.
 
-Most searches take 0.1 s, and that in a chain of eight links 2 s. An answer of 500 terms takes 0.6 s to read.
+Most searches take 0.1 s; a search in a chain of eight links takes 2 s. An answer of 500 terms takes 0.6 s to read.
 """
 
-# Sentence on a wrong equation whose wrong term was not found within the budget
+# Sentence on a wrong equation whose wrong term was not found in time
 UNNAMED = "It is too long, or its numbers are too large, to find its wrong term in good time."
 LARGEST_EXPANSION = 5_000
-"""Largest number of terms of an equation, multiplied out, in which a wrong term is searched.
+"""Largest number of terms, after expansion, of an equation in which a wrong term is searched.
 
 A product of 12 sums has 4,096 and takes 0.9 s; SymPy cannot be interrupted in a larger one.
 """
 
 LARGEST_POWER = 4  # Largest power of a sum that is multiplied out
 
-# Largest number in the argument of an exponential: exp(1000*x) is a polynomial of degree 1000 in exp(x) for SymPy
-LARGEST_NUMBER = 1_000
+LARGEST_NUMBER = 1_000  # Largest number in the argument of an exponential: SymPy expands exp(n*x) in degree n
 _GROWING = (sympy.exp, sympy.sinh, sympy.cosh, sympy.tanh)
 
 _END: ContextVar[float] = ContextVar("end of the budget", default=inf)
@@ -149,7 +152,7 @@ class BudgetSpent(Exception):
 
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Context in which `check_budget` raises BudgetSpent after some seconds of processor time."""
+    """Context in which `check_budget` raises BudgetSpent after `seconds` of processor time."""
     token = _END.set(time.process_time() + seconds)
     try:
         yield

@@ -1,4 +1,4 @@
-"""The wrong term of an equation of motion, named in a sentence."""
+"""Find the wrong term of a student's equation, and name it in a sentence."""
 
 from __future__ import annotations
 
@@ -37,15 +37,13 @@ from lagrange.mechanics.grading.term_difference import (
 from lagrange.mechanics.plain_form import simplest, time_derivative
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name, t
 
-MOST_SHARED = 20  # Largest number of terms of an equation whose partial sums are tried as right terms, too
+MOST_SHARED = 20  # Largest number of terms of an equation whose partial sums also count as right terms
 
-# Largest number of operations in a solved acceleration and its right side for which denominators are compared
-LONGEST_SOLVED = 300
+LONGEST_SOLVED = 300  # Largest number of operations in a solved acceleration whose denominator is compared
 LONGEST_FACTOR = 12  # Largest number of operations of a factor of a side that a message quotes
-# Largest number of operations in a solved acceleration that is compared: expanding a longer one takes seconds
-LONGEST_FORMULA = 3_000
+LONGEST_FORMULA = 3_000  # Largest number of operations in a solved acceleration whose terms are compared
 LONGEST_RATIO = 60  # Largest number of operations of two terms whose ratio is simplified
-MOST_NAMED = 2  # Largest number of wrong terms of an equation that are all named
+MOST_NAMED = 2  # Largest number of wrong terms of an equation for which all are named; of more, only the first is
 MOST_MATCHED = 60  # Largest number of terms of an equation that are matched one by one with those of a right equation
 
 
@@ -54,7 +52,7 @@ class WrongTerm:
     """A sentence on the error of an equation. `alone` is true if exactly one term of the equation is wrong.
 
     `cost` measures how far the right term is from the typed one; it is infinite if several terms are wrong. `shorter`
-    is true if the right term is not longer than the typed one.
+    is true if the right term is at most as long as the typed one.
     """
 
     sentence: str
@@ -79,7 +77,9 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     change = one_change(row, samples, _right_terms(derivation), _right_denominators(derivation))
     if change is not None:
         shorter = change.difference.right.count_ops() <= change.difference.typed.count_ops()
-        return WrongTerm(_told_change(change, row, samples[0], write), alone=True, cost=change.cost, shorter=shorter)
+        return WrongTerm(
+            _change_sentence(change, row, samples[0], write), alone=True, cost=change.cost, shorter=shorter
+        )
     still = not any(row.slopes.values()) and not any(sample.first_order for sample in samples)
     if still and not constraints:
         free = [name_of(q) for q in row.statement.coordinates if rotation_name(q) is None]
@@ -91,16 +91,16 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
         which = "the constraint is" if len(listed) == 1 else "the constraints are"
         return WrongTerm(f"{label} does not hold and is not a constraint: {which} {listing(listed)}.")
     several = _several_wrong_terms(row, derivation, samples, write)
-    return WrongTerm(several or f"{label} does not hold, and no term of it is that of an equation of motion.")
+    return WrongTerm(several or f"{label} does not hold, and none of its terms is in an equation of motion.")
 
 
 def _several_wrong_terms(
     row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write
 ) -> str:
-    """Return a sentence on an equation with several wrong terms, "" if it resembles no right one.
+    """Return a sentence on an equation with several wrong terms, or "" if it resembles no right equation.
 
     The equation is compared with each right equation, multiplied by each factor for which at least one term agrees. The
-    likeliest of these has the most terms in common with it; of several such, the one with the simplest factor.
+    right equation with the most terms in common is taken; among equals, the one with the simplest factor.
     """
     typed = [(side, term) for side in (0, 1) for term in summands(row.in_full(row.sides[side])) if term != 0]
     signed = [term if side == 0 else -term for side, term in typed]
@@ -119,7 +119,7 @@ def _several_wrong_terms(
                     _pairs(wrong[:1], absent, row)[:1] if several else _pairs(wrong, absent, row)
                 ):
                     place = "on the right side " if side and row.sides[0] != 0 else ""
-                    endings.append(place + _difference(term, correct).told(sympy.S.One, write))
+                    endings.append(place + _difference(term, correct).ending(sympy.S.One, write))
                 sentence = f"{_place_of(name, row)} {' Also, '.join(endings)}"
                 sentence += " Other terms of it are wrong or missing, too." if several else ""
     return sentence
@@ -128,10 +128,11 @@ def _several_wrong_terms(
 def _compared(
     typed: Sequence[Any], right: Sequence[Any], row: EquationRow, samples: Sequence[MotionSample]
 ) -> Iterator[tuple[Any, list[int], list[int]]]:
-    """Yield (factor, unmatched, missing) for comparisons of the terms of an equation with factor times right terms.
+    """Yield (factor, unmatched, missing) for comparisons of the terms of an equation with a factor times right terms.
 
-    `unmatched` are the indices of the entries of `typed` without a partner, and `missing` those of entries of `right`.
-    There is one comparison for each pair of a typed and a right term, whose quotient is the factor.
+    `unmatched` are the indices of entries of `typed` that match no right term. `missing` are the indices of entries of
+    `right` that match no typed term. There is one comparison for each pair of a typed and a right term, whose quotient
+    is the factor.
     """
     if len(typed) + len(right) > MOST_MATCHED:
         return
@@ -150,8 +151,8 @@ def _compared(
 def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any]]:
     """Return (coordinate name, left - right side) of the right equations of motion.
 
-    They have the form acceleration = ... if the typed equation `row` has it and there are no constraints; too long
-    formulas are then left out.
+    If the typed equation `row` is solved for an acceleration and there are no constraints, the right equations are
+    solved, too; formulas that are too long are then left out.
     """
     statement, rates = derivation.statement, rate_symbols(derivation.statement)
     rows: list[tuple[str, Any]] = []
@@ -167,7 +168,7 @@ def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any
 
 
 def _unmatched(typed: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list[int], list[int]]:
-    """Return the indices of the entries of `typed` that are not in `right`, and of those of `right` not in `typed`."""
+    """Return the indices of entries of `typed` that are not in `right`, and of entries of `right` not in `typed`."""
     unmatched, missing = [], list(range(len(right)))
     for i, values in enumerate(typed):
         match = next((j for j in missing if same(values, right[j])), None)
@@ -181,11 +182,11 @@ def _unmatched(typed: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list
 def _pairs(
     unmatched: Sequence[tuple[int, Any]], missing: Sequence[Any], row: EquationRow
 ) -> list[tuple[int, Any, Any]]:
-    """Return (side, typed term, right term) for terms that are wrong, as (side, term), and terms that are missing.
+    """Return (side, typed term, right term) for each wrong or missing term of the equation `row`.
 
-    Terms with the most factors in common are paired. A term without a partner is paired with zero. The typed terms keep
-    their order. `missing` are terms of the left side; in the result a right term has the sign of its side. `row` is the
-    equation.
+    `unmatched` are the wrong terms, as (side, term), and `missing` the missing ones, as terms of the left side. Terms
+    with the most factors in common are paired. A term without a partner is paired with zero. The typed terms keep their
+    order. A right term in the result has the sign of its side.
     """
     partners, alone = dict[int, Any](), list(missing)
     bases = [set(term.as_powers_dict()) for _, term in unmatched]
@@ -202,7 +203,7 @@ def _pairs(
 
 
 def _difference(typed: Any, right: Any) -> Difference:
-    """Return the difference of a typed term and the right one, of which one may be zero."""
+    """Return the difference of a typed term and the right one; one of the two may be zero."""
     if typed == 0 or right == 0:
         return Difference("missing" if typed == 0 else "extra", typed, right)
     ratio = sympy.cancel(typed / right) if typed.count_ops() + right.count_ops() <= LONGEST_RATIO else sympy.nan
@@ -215,8 +216,8 @@ def _difference(typed: Any, right: Any) -> Difference:
 def _right_terms(derivation: Derivation) -> list[Any]:
     """Return the terms of the right equations, in plain symbols.
 
-    They are the equations of motion, the constraints, the time derivatives of the constraints, and the masses. Rates of
-    rotations stay symbols. Equations that are too large to write out are omitted.
+    The equations are the equations of motion, the constraints, and their first and second time derivatives; masses are
+    included. Rates of rotations stay symbols. Equations that are too large to write out are omitted.
     """
     statement = derivation.statement
     rates = rate_symbols(statement)
@@ -247,8 +248,8 @@ def _right_denominators(derivation: Derivation) -> list[Any]:
     return []
 
 
-def _told_change(change: Change, row: EquationRow, sample: MotionSample, write: Write) -> str:
-    """Return a sentence on the only wrong term of an equation, with its sign as it was typed."""
+def _change_sentence(change: Change, row: EquationRow, sample: MotionSample, write: Write) -> str:
+    """Return a sentence on the only wrong term of an equation, with its sign as typed."""
     total, difference = change.total, change.difference
     start = _place_of(_meant(change.row, sample), row)
     if total.below:
@@ -260,12 +261,12 @@ def _told_change(change: Change, row: EquationRow, sample: MotionSample, write: 
     if solved and difference.typed == side and (side.is_Add or (side.has(sympy.Add) and difference.ratio == -1)):
         factor = sympy.cancel(difference.typed / difference.right)
         if factor.count_ops() <= LONGEST_FACTOR:
-            return f"{start} the right side {_told_factor(factor, write)}"
+            return f"{start} the right side {_factor_ending(factor, write)}"
     if difference.kind == "wrong" and not total.path:
         (above, below), (other, right_below) = map(sympy.fraction, (difference.typed, difference.right))
         if below.is_Add and above == other:
             return f"{start} the denominator {write(below)} is wrong: it should be {write(right_below)}."
-    ending = difference.told(total.around, write)
+    ending = difference.ending(total.around, write)
     name = next((constraint_of(x) for x in difference.right.free_symbols if constraint_of(x) is not None), None)
     if difference.kind == "missing" and name is not None:
         ending = ending.replace(" is missing.", f", the force of the constraint {name}, is missing.")
@@ -273,7 +274,7 @@ def _told_change(change: Change, row: EquationRow, sample: MotionSample, write: 
 
 
 def _meant(row: EquationRow, sample: MotionSample) -> str:
-    """Return the coordinate or coordinates whose equation of motion `row` is, or the name of its constraint, or ""."""
+    """Return the name of the coordinates or the constraint whose equation `row` is, or "" if it is not clear."""
     names, plain, slopes = row.statement.names, list(row.statement.plain.values()), row.leading(sample)
     constraint = _constraint_meant(row, slopes, sample)
     if constraint:
@@ -293,8 +294,8 @@ def _meant(row: EquationRow, sample: MotionSample) -> str:
 def _constraint_meant(row: EquationRow, slopes: Numbers, sample: MotionSample) -> str:
     """Return the name of the constraint whose gradient is parallel to the coefficients of accelerations, or "".
 
-    `slopes` are the coefficients of accelerations and multipliers. Of an equation between coordinates the gradient
-    counts.
+    `slopes` are the coefficients of accelerations and multipliers. For an equation between coordinates, its gradient is
+    compared.
     """
     statement, count = row.statement, len(row.statement.names)
     if any(slopes[count:]):
@@ -313,11 +314,11 @@ def _constraint_meant(row: EquationRow, slopes: Numbers, sample: MotionSample) -
 
 def _place_of(name: str, row: EquationRow) -> str:
     """Return the beginning of a sentence about an equation, with its coordinate `name` unless the label contains it."""
-    return f"In {row.equation.label}" + ("" if not name or name in row.equation.label else f", that of {name},")
+    return f"In {row.equation.label}" + ("" if not name or name in row.equation.label else f", for {name},")
 
 
-def _told_factor(factor: Any, write: Write) -> str:
-    """Return the end of a sentence on a side of an equation that differs from the right one by a factor."""
+def _factor_ending(factor: Any, write: Write) -> str:
+    """Return the end of a sentence on a side of an equation that is `factor` times the right side."""
     if factor == -1:
         return "has the wrong sign: it is -1 times what it should be."
     above, below = sympy.fraction(factor)
@@ -329,7 +330,10 @@ def _told_factor(factor: Any, write: Write) -> str:
 
 
 def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence if an expression under a typed d/dt should be a constant times a momentum; else ""."""
+    """Return a sentence on a wrong expression under a typed d/dt, or "".
+
+    It is wrong if the equation holds with a constant times a momentum in its place.
+    """
     statement, momenta = row.statement, list[Any]()
     with suppress(StatementError):
         momenta = [p.xreplace(statement.plain) for p in derivation.momenta.values()]
@@ -340,8 +344,8 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
             continue
         if row.sides[1] == 0 and p.is_Mul:  # The student may have divided by parameters.
             p /= sympy.Mul(*(q for q in p.args if q in statement.parameters and not typed.has(q)))
-        # The student may have meant the momentum, or its multiple by the value of the ratio where all coordinates,
-        # velocities and the time are 1.
+        # The student may have meant a multiple of the momentum. The factor is the ratio with 1 for all coordinates,
+        # velocities and the time.
         ones = dict.fromkeys((*statement.plain.values(), t), sympy.S.One)
         value = sympy.cancel(row.in_full(typed) / p).xreplace(ones)
         constants = dict.fromkeys((sympy.Integer(-1 if value.could_extract_minus_sign() else 1), value))
@@ -356,7 +360,7 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
 
 
 def _wrong_term_of_momentum(row: EquationRow, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence if a term of an expression under a typed d/dt has a wrong sign or factor 2 or 1/2; else "".
+    """Return a sentence on a term under a typed d/dt with a wrong sign or factor 2 or 1/2, or "".
 
     Terms without a velocity are tried first.
     """
@@ -367,6 +371,6 @@ def _wrong_term_of_momentum(row: EquationRow, samples: Sequence[MotionSample], w
             right = term / sympy.Rational(ratio)
             change = sign * time_derivative(row.in_full(right - term), row.statement.plain)
             if row.with_zero(row.zero + change).holds(samples):
-                difference = Difference("scaled", term, right, ratio).told(sympy.S.One, write)
+                difference = Difference("scaled", term, right, ratio).ending(sympy.S.One, write)
                 return f"{_place_of('', row)}, in d/dt({write(typed)}), {difference}"
     return ""
