@@ -21,10 +21,7 @@ from lagrange.machine.model import Model
 from lagrange.mechanics.expansion import stated_point
 
 AXIS_POINTS = 4001
-"""Number of points on the axis at which the acceleration at rest is evaluated.
-
-Two zeros between neighbouring points may be missed.
-"""
+"""Number of points on the axis at which the force at rest is evaluated. Two zeros between points may be missed."""
 
 EIGENVALUE_NOISE = 1e-9
 """Largest real or imaginary part that counts as rounding noise, relative to the largest eigenvalue."""
@@ -98,8 +95,7 @@ def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: f
     """
     jacobian = model.jacobian(0.0, state, parameters)
     if not np.isfinite(jacobian).all() or not _is_linear(model, parameters, state):
-        nothing = np.full(2, np.nan)
-        return FixedPoint(state, DEGENERATE, nothing, np.full((2, 2), np.nan))
+        return FixedPoint(state, DEGENERATE, np.full(2, np.nan), np.full((2, 2), np.nan))
     values, vectors = np.linalg.eig(jacobian)
     kind = DEGENERATE if abs(jacobian[1, 0]) <= flat else kind_of(values, conservative=model.conservative)
     return FixedPoint(state, kind, values, vectors)

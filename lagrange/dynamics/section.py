@@ -123,10 +123,7 @@ of a relativistic particle.
 """
 
 PROBES = (1.0, 1e-3, 1e-6)
-"""Velocities at which the coefficients of a quadratic energy are computed.
-
-The first one is used at which the energy has a value.
-"""
+"""Velocities for the coefficients of a quadratic energy. The first with finite energies is used."""
 
 ENERGY_ERROR = 1e-10  # Largest accepted error of the energy, relative to the energy and to its value at zero velocity
 
@@ -237,10 +234,7 @@ MOST_SECTION_POINTS = 100_000_000
 BORDER_CELLS = 200  # Number of cells along each axis for the border of a section
 
 BORDER_MARGINS = (0.5, 1.5, 4.0, 10.0, 25.0)
-"""Margins around the points, as fractions of their extent, in which the border is searched until it is a closed line.
-
-An open border is left out.
-"""
+"""Margins around the points, as fractions of their extent, tried in turn until the border is a closed line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,7 +305,7 @@ def section(
 
     - `starts` are the initial states. With `energy` all get this energy, by a change of the velocity `solve_for`.
     - Each orbit is followed for `skip` crossings, and then for `crossings` that are kept.
-    - It ends early if no crossing occurs within the time `longest`.
+    - An orbit ends early if no crossing occurs within the time `longest`.
     - `progress` is called with the number of finished orbits.
     """
     model = runs.model
@@ -356,9 +350,8 @@ def point_counts(points: Any, skip: Any, label: str, smallest: int) -> tuple[int
     Raises StatementError unless both are integers in the allowed range; `smallest` is the least number to keep. `label`
     is the argument `points` in messages.
     """
-    return whole_number(points, label, smallest, MOST_SECTION_POINTS), whole_number(
-        skip, "skip", 0, MOST_SECTION_POINTS
-    )
+    kept = whole_number(points, label, smallest, MOST_SECTION_POINTS)
+    return kept, whole_number(skip, "skip", 0, MOST_SECTION_POINTS)
 
 
 def check_memory(shape: Sequence[int]) -> None:

@@ -37,11 +37,11 @@ class PreciseEquations:
         # dp/dt is a difference of differences: it loses twice the digits of the step, and its error is the square of
         # the step.
         self.exponent = digits // 2 + 3
-        lagrangian = Precise([statement.lagrangian], statement, digits + 2 * self.exponent + GUARD)
-        loads = Precise([*statement.forces, statement.dissipation], statement, digits + 2 * self.exponent + GUARD)
-        expressions = [constraint.expression for constraint in statement.constraints]
-        constraints = Precise(expressions, statement, digits + 2 * self.exponent + GUARD)
-        self.surface = ConstraintSurface(statement, digits + 2 * self.exponent + GUARD)
+        precision = digits + 2 * self.exponent + GUARD
+        lagrangian = Precise([statement.lagrangian], statement, precision)
+        loads = Precise([*statement.forces, statement.dissipation], statement, precision)
+        constraints = Precise([each.expression for each in statement.constraints], statement, precision)
+        self.surface = ConstraintSurface(statement, precision)
         self.context = lagrangian.context
         self.number = self.context.mpf
         values = self.values = {p: self.number(parameters[p]) for p in statement.parameters}
@@ -102,10 +102,7 @@ class PreciseEquations:
 Improvement = Callable[[FloatArray], FloatArray]
 
 LEAST_POINTS = 8
-"""Smallest number of points per interval.
-
-With more digits the number of points equals the number of digits, which is about optimal.
-"""
+"""Smallest number of points per interval. With more digits it is the number of digits, about the optimum."""
 
 SHORTEST_INTERVAL = 1e-9
 """Shortest interval, relative to the length of the run."""
@@ -114,10 +111,7 @@ LARGEST_GROWTH = 2.0
 """Largest ratio of the lengths of an interval and the previous one."""
 
 AGREED = 1e-9
-"""Largest relative change at which the iteration in doubles has converged.
-
-It is also the first estimate of the contraction rate.
-"""
+"""Largest relative change after convergence in doubles, and first estimate of the contraction rate."""
 
 SWEEPS = 10
 """Largest number of iterations for an interval. Two or three suffice, unless the interval is too long."""

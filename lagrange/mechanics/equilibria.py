@@ -57,11 +57,11 @@ class Equilibrium(ShownAsPage):
     """An equilibrium at rest, or a steady motion with `velocities` of ignorable coordinates.
 
     `coordinates` maps each coordinate to an expression in parameters; an arbitrary coordinate is mapped to itself.
-    `energy` is v.p - L at the equilibrium. `condition` is the condition on the parameters under which it exists.
-    `exists` is the truth of the condition at the values of the parameters, or None if a value is missing. `stable` is
-    True, False, or None if undecided, and `reason` says why. `criterion` has the leading minors of the stiffness matrix
-    at fixed momenta of ignorable coordinates: if all are positive, the energy has a minimum. It is empty for formulas
-    that are too long. `exact` is false if the equilibrium was found numerically. `statement` is that of the system.
+    `energy` is v.p - L at the equilibrium. `condition` is the condition on the parameters for its existence. `exists`
+    is the truth of the condition at the values of the parameters, or None if a value is missing. `stable` is True,
+    False, or None if undecided, and `reason` says why. `criterion` has the leading minors of the stiffness matrix at
+    fixed momenta of ignorable coordinates: if all are positive, the energy has a minimum. It is empty if the formulas
+    are too long. `exact` is false if the equilibrium was found numerically. `statement` states the system.
     """
 
     coordinates: Mapping[Any, Any]
@@ -90,8 +90,8 @@ class Equilibrium(ShownAsPage):
 def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
     """Return the equilibria of a statement at rest, or at steady `rates` of ignorable coordinates or of a rotation.
 
-    Those known to exist at the values of the parameters come first; both groups are sorted by energy. Raises
-    StatementError if none is found.
+    Equilibria that exist at the values of the parameters come first, then the others; each group is sorted by energy.
+    Raises StatementError if none is found.
     """
     if statement.rotations and isinstance(rates, Mapping):
         others, turning = split_rates(rates, statement.coordinates, "rates")
@@ -101,11 +101,13 @@ def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
     form = PlainForm(with_lengths(statement))
     problem = _Problem(form, ignorable(form), rates)
     solutions, exact = problem.solutions()
-    solutions = problem.each_pole_once(solutions)
+    # Of several solutions at one pole the first is kept, which has an arbitrary longitude if any of them does.
+    solutions.sort(key=len)
+    solutions = [solutions[k] for k in each_pole_once([problem.point(values) for values in solutions])]
     if len(solutions) > MOST_PLACES:
         raise StatementError(problem.too_many(len(solutions)))
     records = [problem.record(values, exact=exact) for values in solutions]
-    # Dry friction is the reason of its records, whether or not they are at a pole.
+    # With dry friction, `reason` names the friction also at a pole, so that every record is tested.
     balanced = [
         record
         for record in records
@@ -195,11 +197,6 @@ class _Problem:
         symbolic = solved(self.equations, (*self.unknowns, *self.multipliers))
         return (self.searched(), False) if symbolic is None else (symbolic, True)
 
-    def each_pole_once(self, solutions: Sequence[dict[Any, Any]]) -> list[dict[Any, Any]]:
-        """Return the solutions with one for each pole, which has an arbitrary longitude if any does."""
-        first = sorted(solutions, key=len)
-        return [first[k] for k in each_pole_once([self.point(values) for values in first])]
-
     def point(self, values: Mapping[Any, Any]) -> StatedPoint:
         """Return the point of a solution {symbol: value}; arbitrary coordinates are zero."""
         q, arbitrary = self.form.q, dict.fromkeys(self.form.q, sympy.S.Zero)
@@ -256,7 +253,7 @@ class _Problem:
         )
 
     def steady_motion(self) -> str:
-        """Return a sentence with a motion at constant speeds, such as that of a motor under a torque and a drag.
+        """Return a sentence with a motion at constant speeds, such as the motion of a motor under a torque and a drag.
 
         The speeds belong to coordinates that no force depends on. Returns "" if no such motion is found.
         """
@@ -359,7 +356,7 @@ class _Problem:
                 )
 
     def order(self, equilibrium: Equilibrium) -> tuple[Any, ...]:
-        """Return the sort key of an equilibrium: those that exist come first, then by energy if it has a value."""
+        """Return the sort key of an equilibrium: existing ones come first, then by energy if it has a value."""
         energy = number(self.form.read(equilibrium.energy), self.statement.defaults)
         return (not equilibrium.exists, round(energy.real, 9) if energy == energy else 0.0)
 
@@ -557,7 +554,7 @@ def _precessions(
             "precession and spin are one rotation. Give an attitude with a tilt, or the rate of this rotation, as in "
             f"equilibria({{{angles.rotation.name}.space[{upright}]: ...}})."
         )
-    entry = 0.0 if abs(entry) < 1e-15 else entry  # no rounding in the factor of rate**2
+    entry = 0.0 if abs(entry) < 1e-15 else entry  # exactly 0 for a horizontal axis
     stated_tilt = sympy.acos(entry) if axis == upright else sympy.asin(entry)
     spin_rate = expression(rate, "the rate") - unknown * cosine.subs(tilt, stated_tilt)
     still = dict.fromkeys((*form.a, *form.v, *angles.symbols), sympy.S.Zero)

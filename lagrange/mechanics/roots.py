@@ -25,10 +25,7 @@ MOST_BRANCHES = 64  # Largest number of branches that are followed; n factors in
 LONGEST_EQUATION = 400  # Largest number of operations in an equation that is factored
 
 LONGEST_SYSTEM = 500
-"""Largest number of operations in all equations together.
-
-The equations of seven attracting bodies take minutes, without success.
-"""
+"""Largest number of operations in all equations. Those of seven attracting bodies take minutes, without success."""
 
 HIGHEST_DEGREE = 8
 """Largest product of the degrees of polynomial equations that are solved together, by Groebner bases."""
@@ -146,26 +143,14 @@ def _linear(factor: Any, present: Sequence[Any]) -> list[tuple[Any, Any]] | None
 def _of_one(factor: Any, x: Any) -> list[tuple[Any, Any]] | None:
     """Return [(x, value)] for the roots of a factor whose only unknown is x, or None if it cannot be solved."""
     functions = sorted((f for f in factor.atoms(sympy.sin, sympy.cos, sympy.tan) if f.has(x)), key=str)
-    if functions:
-        return _angle(factor, x, functions)
-    roots = _roots(factor, x)
-    return None if roots is None else [(x, root) for root in roots]
-
-
-def _angle(factor: Any, x: Any, functions: Sequence[Any]) -> list[tuple[Any, Any]] | None:
-    """Return [(x, value)] for the zeros of a factor in sines, cosines or tangents of x; None if it is not solved.
-
-    `functions` are the sines, cosines and tangents in the factor.
-    """
-    arguments = list(dict.fromkeys(f.args[0] for f in functions))
-    if len(arguments) > 1:
+    if not functions:
+        roots = _roots(factor, x)
+        return None if roots is None else [(x, root) for root in roots]
+    argument, *others = dict.fromkeys(f.args[0] for f in functions)
+    if others:
         whole = sympy.expand_trig(factor)
-        functions = sorted((f for f in whole.atoms(sympy.sin, sympy.cos) if f.has(x)), key=str)
-        arguments = list(dict.fromkeys(f.args[0] for f in functions))
-        if len(arguments) > 1:
-            return None
-        return _steps(sympy.expand(whole), [x])
-    (argument,) = arguments
+        arguments = dict.fromkeys(f.args[0] for f in whole.atoms(sympy.sin, sympy.cos) if f.has(x))
+        return None if len(arguments) > 1 else _steps(sympy.expand(whole), [x])
     slope = argument.diff(x)
     if slope.has(x) or slope == 0:
         return None
@@ -275,15 +260,15 @@ It rejects end points far out, where a residual is small but never zero.
 SAME_ROOT = 1e-6  # Largest distance of end points that are the same root, relative to 1 plus the largest unknown
 
 FLAT = 1e-6
-"""Flatness of an end point: least ratio of the smallest to the largest singular value of the slopes.
+"""Smallest ratio of the least to the largest singular value of the slopes at a simple root.
 
 Below this ratio the root is multiple, such as y = 0 of y^3.
 """
 
 SAME_FLAT = 1e-3
-"""Largest distance of multiple roots that count as one, in place of SAME_ROOT: y^3 determines y to about 1e-4.
+"""Largest distance of multiple roots that count as one, in place of SAME_ROOT.
 
-The end point of smallest residual is kept.
+y^3 determines y to about 1e-4. The end point of smallest residual is kept.
 """
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -43,10 +43,7 @@ from lagrange.statement.parameters import parameter_name
 from lagrange.statement.statement import Statement
 
 REAL_PART = 1e-6
-"""Real parts below this fraction of the largest eigenvalue count as zero.
-
-A double eigenvalue is accurate only to 1e-8.
-"""
+"""Real parts below this fraction of the largest eigenvalue count as zero. Double eigenvalues have only 8 digits."""
 
 LARGEST_DEGREE = 100  # Largest denominator of the degree in velocities of a term of the dissipation, such as 3/2
 SAME_PLACE = 1e-9
@@ -162,7 +159,12 @@ def criterion(lin: Linearization, fixed: tuple[int, ...], *, axial: bool = False
     if has_long_formulas(lin) or not has_inertia(lin):
         return ()
     _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, fixed, axial=axial)
-    return tuple(simplest(stiffness[:k, :k].det(method="berkowitz")) for k in range(1, stiffness.rows + 1))
+    return tuple(_leading_minors(stiffness))
+
+
+def _leading_minors(matrix: Any) -> Iterator[Any]:
+    """Yield the leading principal minors of a SymPy matrix, smallest first. All are positive if it is definite."""
+    return (simplest(matrix[:k, :k].det(method="berkowitz")) for k in range(1, matrix.rows + 1))
 
 
 def _symbolic_verdict(lin: Linearization, form: PlainForm, ignorable_rows: tuple[int, ...], *, axial: bool) -> Verdict:
@@ -199,8 +201,7 @@ def _symbolic_verdict(lin: Linearization, form: PlainForm, ignorable_rows: tuple
 
 def _is_definite(matrix: Any) -> bool:
     """Return True if SymPy can prove a symmetric matrix positive definite, by its leading minors."""
-    minors = (simplest(matrix[:k, :k].det(method="berkowitz")) for k in range(1, matrix.rows + 1))
-    return all(minor.is_positive for minor in minors)
+    return all(minor.is_positive for minor in _leading_minors(matrix))
 
 
 def ignorable(form: PlainForm) -> tuple[int, ...]:

@@ -330,13 +330,13 @@ def _check(change: Transformation, statement: Statement, model: Model) -> None:
 class Routh:
     """Routh's procedure: the formulas that remove ignored coordinates from a system, in plain symbols.
 
-    `form` is the statement in plain symbols. `indices` are the indices of the ignored coordinates.
+    `form` is the statement in plain symbols. `indices` are the indices of the ignored coordinates. `symbols` are their
+    momenta, which are parameters of the smaller system.
     """
 
     form: PlainForm
     indices: tuple[int, ...]
     symbols: tuple[Any, ...]
-    """The momenta of the ignored coordinates, parameters of the smaller system."""
 
     @cached_property
     def gone(self) -> dict[Any, Any]:
