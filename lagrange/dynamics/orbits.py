@@ -27,10 +27,7 @@ from lagrange.trajectory.trajectory import FloatArray as States
 from lagrange.trajectory.trajectory import Status, Trajectory, run_until
 
 WINDOW_MARGIN = 0.02
-"""Distance outside of the window at which a run ends, as a fraction of the window's width.
-
-The end of the line is then not visible.
-"""
+"""Distance outside of the window, as a fraction of its width, at which a run ends. The end is not visible."""
 
 PERIODS = 20  # Time for which an orbit is followed, in mean periods of small oscillations
 

@@ -36,10 +36,7 @@ MOST_ORBITS, MOST_PROJECTED = 60, 8
 """Largest numbers of orbits if the user gives no starts: in a full plane, and in a slice, where orbits may cross."""
 
 FEW_PERIODS = 2
-"""Time for which orbits of a slice are followed, in mean periods of small oscillations.
-
-They are followed forwards only.
-"""
+"""Time for which orbits of a slice are followed, forwards only, in mean periods of small oscillations."""
 
 SAMPLES_PER_CELL = 64  # Number of states in each step that mark the cells that an orbit crosses
 SAME_PLACE = 1e-9  # Distance below which two equilibria are the same, as a fraction of the window
@@ -188,7 +185,7 @@ def portrait(
 
     - `window` maps the two entries of the state on the axes to their ranges; None chooses them for one coordinate.
     - `at` maps the other entries of the state to their fixed values.
-    - `starts` are the initial states of orbits; with None the orbits fill the plane.
+    - `starts` are the initial states of orbits; if None, the orbits fill the plane.
     - `time` is the time at which the field is evaluated, and `reach` the longest duration of an orbit.
     - `progress` is called with the number of orbits, or of cells of the plane that orbits have crossed.
     """
@@ -420,7 +417,7 @@ def default_plane(runs: Runs, base: FloatArray) -> Plane:
 def _extent(runs: Runs, base: FloatArray, scale: float) -> tuple[float, float]:
     """Return the range of the only coordinate, which is not an angle, for the default window.
 
-    `base` is the initial state, and `scale` a period of small motions.
+    `base` is the initial state, and `scale` a period of small oscillations.
     """
     model, sizes = runs.model, np.logspace(-3, 3, 1200)
     x = np.concatenate([-sizes[::-1], [0.0], sizes])

@@ -54,14 +54,11 @@ POINTS, FEW_POINTS, MANY_COORDINATES = 5, 3, 200
 MOST_WORK = 60_000_000
 """Largest estimated time of the reference values of a check, in units of 0.2 us, if `points` is None.
 
-All entries of a chain of 10 links in relative angles are compared at 5 points: 46 million units, and 10 s in fact.
+All entries of a chain of 10 links in relative angles are compared at 5 points: 46 million units, which took 10 s.
 """
 
 SMALL_ENTRY = 1e-12
-"""An entry of the state below this fraction of the largest counts as zero.
-
-Its size then says nothing about a suitable step.
-"""
+"""An entry of the state below this fraction of the largest counts as zero. Steps do not depend on its size."""
 
 MOST_CHECKED_POINTS = 10_000
 """Largest number of points of one check."""
@@ -70,10 +67,7 @@ MOST_FAR_POINTS = 6
 """Largest number of points added to cover branches of conditions."""
 
 MOST_JACOBIAN_COLUMNS = 24
-"""Largest number of Jacobian columns checked at one point.
-
-Five points cover all columns of 60 coordinates.
-"""
+"""Largest number of Jacobian columns checked at a point. Five points cover all columns of 60 coordinates."""
 
 COSTLY_REFUSALS = 25
 """Largest number of points that fail only after the differences are computed; then the check ends.
@@ -421,7 +415,7 @@ def _textbook(system: Stated, model: Model) -> tuple[Textbook | None, tuple[str,
 
     `model` is the compiled system.
     """
-    # Given functions of time in the accelerations, and their values.
+    # Expressions for the given functions of time in the accelerations.
     values_of_functions = dict(model.statement.prescribed)
     if len(system.statement.coordinates) > MOST_DERIVED:
         limit = f"which is done up to {MOST_DERIVED} coordinates."

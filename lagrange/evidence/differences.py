@@ -51,10 +51,7 @@ def extrapolated(coarse: Sequence[Any], fine: Sequence[Any]) -> Estimate:
 
 
 LOCAL_FROM = 13
-"""Smallest number of coordinates for which terms are separated.
-
-For fewer coordinates, one program for all terms is as fast.
-"""
+"""Smallest number of coordinates for which terms are separated. For fewer, one program is as fast."""
 
 
 @dataclass(frozen=True)
@@ -532,10 +529,7 @@ def bordered(mass: Sequence[Row], gradient: Sequence[Numbers]) -> list[Row]:
 
 
 CONSTRAINT_DIGITS = 60
-"""Decimal digits of the evaluations of constraints.
-
-First differences with steps of 1e-20 keep two thirds of the digits.
-"""
+"""Decimal digits of constraint values. First differences with steps of 1e-20 keep two thirds of them."""
 
 
 class ConstraintSurface:

@@ -15,10 +15,7 @@ PLACES = 2
 """Number of random states at which a formula is compared. A wrong formula agrees at one only by chance."""
 
 LARGEST_ERROR = 1e-8
-"""Largest difference, relative to the largest number compared.
-
-Cancellation costs some digits, and a wrong term costs all.
-"""
+"""Largest difference, relative to the largest number. Cancellation costs some digits, a wrong term all."""
 
 
 Values = Callable[[SamplePoint], tuple[Sequence[float], Sequence[complex]]]

@@ -24,10 +24,7 @@ from lagrange.trajectory.plan import Stepped
 FloatArray = NDArray[np.float64]
 
 GROWTH_TOLERANCE = 1e-9
-"""Largest growth per step that counts as rounding.
-
-Eigenvalues of matrices that are not normal lose some digits.
-"""
+"""Growth per step that counts as rounding. Eigenvalues of matrices that are not normal lose some digits."""
 
 SEEN = 1e-13
 """Smallest growth per step that exceeds the rounding errors of the matrix and of its eigenvalues, for small steps."""

@@ -29,7 +29,7 @@ _LIMITS = {
 }
 """Largest binary exponent of an argument, by the kind of function, and the message beyond it.
 
-Beyond 40 mpmath's exp does not return. For an angle above all doubles it would compute as many digits of pi as the
+Beyond 40 mpmath's exp does not return. For an angle above all doubles, mpmath would compute as many digits of pi as the
 integer part has.
 """
 

@@ -44,15 +44,12 @@ SUSPICIOUS = 1e-12
 """Largest residual, relative to its largest term, that passes without an estimate of its rounding error."""
 
 MOST_DRAWS = 24
-"""Number of random points tried before the initial state.
-
-The initial state is last, because terms vanish at rest and in upright positions.
-"""
+"""Number of random points tried before the initial state, at which many terms vanish."""
 
 MOST_CONFIRMED = 24
 """Largest number of coordinates for which the first suspicious point gets a full test.
 
-In larger systems the second suspicious point gets it. A full test takes 1 s for 24 coordinates and 30 s for 80.
+In larger systems only later suspicious points get one. A full test takes 1 s for 24 coordinates and 30 s for 80.
 Rounding grows with the size of the system, and makes one point in ten suspicious.
 """
 

@@ -30,16 +30,10 @@ DIFFERENCE_STEP = "1e-18"
 """Step of the differences, relative to the argument. The error is about 1e-36 before extrapolation."""
 
 PERTURBATION = 1e-20
-"""Relative perturbation of every intermediate number.
-
-It is far above the errors of the evaluation, and small enough for a linear response.
-"""
+"""Relative perturbation of every number. It is far above the errors, and small enough for a linear response."""
 
 VALUE_NOISE = "1e-89"
-"""Amplitude of the noise added to each evaluation of a perturbed L, relative to the size of L.
-
-It is ten times the rounding error.
-"""
+"""Amplitude of the noise on each value of a perturbed L, relative to its size: ten times its rounding error."""
 
 MASS_NOISE = "1e-80"
 """Second differences of L below this fraction of the size of L count as rounding.
@@ -49,10 +43,7 @@ Rounding and `VALUE_NOISE` cause 1e-88. An inertia of 1e-40 of the largest cause
 """
 
 PERTURBED_COPIES = 2
-"""Number of perturbed copies.
-
-One sum with random signs may be small by chance, but hardly ever two.
-"""
+"""Number of perturbed copies. One sum with random signs may be small by chance, but hardly ever two."""
 
 SINGULAR = 2.0**-42
 """Pivot, relative to its row, below which a mass matrix counts as singular.
@@ -64,21 +55,15 @@ slightly lower.
 LEAST_STEP_SIZE = 1e-20
 """Smallest size of a coordinate or velocity, relative to the largest, to which its step is proportional.
 
-A projected start may have velocities of 1e-37 that are rounding: with such steps the energy keeps no digits. Lengths
-and angles together differ by up to 1e12 in units from 1e-12 to 1e12.
+A projected start may have velocities of 1e-37 that are rounding: with such steps the energy keeps no digits. In a
+system with lengths and angles, sizes differ by up to 1e12 in units of length from 1e-12 to 1e12.
 """
 
 ZERO_SIZE = 1e-12
-"""Size of an entry that is zero, relative to the largest entry.
-
-Second differences with steps of 1e-30 keep 30 digits.
-"""
+"""Size of a zero entry, relative to the largest. Second differences with steps of 1e-30 keep 30 digits."""
 
 EXPONENT_LIMIT = 450
-"""Largest binary exponent of an intermediate value.
-
-Its square, which occurs in derivatives, then fits into a double.
-"""
+"""Largest binary exponent of an intermediate value. Its square, as in derivatives, still fits into a double."""
 
 
 class Reference:
@@ -171,7 +156,7 @@ class Reference:
         forces = sum(part.work() + part.work(i) for i, part in enumerate(by_place)) + self.loads.work()
         constraints = 2 * n * self.constraints.work(column) + 8 * self.constraints.work() if self.holonomic else 0
         mass = sum(
-            2 * sum(k >= n for k in part.entries) * part.work(n + i)  # 4 values for each entry on one side
+            2 * sum(k >= n for k in part.entries) * part.work(n + i)  # 4 values for each entry of a triangle
             for i, part in enumerate(by_velocity)
         )
         touched = self.terms.touched[column]

@@ -206,10 +206,7 @@ TINY_ERROR = 1e-290
 """Absolute error that is always accepted, since smaller doubles lose digits (subnormal numbers)."""
 
 LANES = 11
-"""Number of states in a batch that is compared with single evaluations.
-
-It is larger than the width of vector registers, and odd.
-"""
+"""Number of states in a batch that is compared with single evaluations: odd, and above the width of registers."""
 
 
 class Comparison:

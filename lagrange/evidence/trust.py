@@ -19,10 +19,7 @@ from lagrange.trajectory.run import Flow, compiled, span_or_end, trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 DEFAULT_DIGITS = 22
-"""Decimal digits of the reference.
-
-Its errors are 1e-6 of the errors of doubles, since both grow by the same factor.
-"""
+"""Decimal digits of the reference. Its errors are 1e-6 of those of doubles, and grow by the same factor."""
 
 LEAST_DIGITS, GREATEST_DIGITS = 18, 200
 
@@ -150,10 +147,7 @@ PARTS = 4
 """Number of steps of the variational equation in each step of the run."""
 
 SENSITIVITY_STEPS = 50_000
-"""Largest number of steps of a run whose error growth is computed.
-
-Each step takes about 60 us, and `PARTS` matrix products.
-"""
+"""Largest number of steps for which the growth of errors is computed. Each takes about 60 us."""
 
 ENTRIES_AT_ONCE = 2**22
 """Largest number of matrix entries in memory at once: 32 MB."""

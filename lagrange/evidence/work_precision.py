@@ -28,16 +28,10 @@ STEP_SIZES = 9
 """Number of default step sizes, each half of the previous one."""
 
 PRELIMINARY_METHOD = "dop853"
-"""Method of the preliminary runs.
-
-It is not taylor, whose steps may span half an oscillation and then miss its amplitude.
-"""
+"""Method of the preliminary runs. Steps of taylor may span half an oscillation, and miss its amplitude."""
 
 STEPS_PER_PRELIMINARY = 4
-"""Ratio of dop853's mean step at `COARSE_RTOL` to the longest default step.
-
-At this ratio RK4 begins to resolve the motion.
-"""
+"""Ratio of dop853's mean step at COARSE_RTOL to the longest default step. RK4 then resolves the motion."""
 
 COARSE_RTOL, FINE_RTOL = 1e-6, 1e-11
 """Tolerances of the preliminary runs.

@@ -141,8 +141,8 @@ def _momenta_of_turns(
 ) -> Iterator[Conserved]:
     """Yield the angular momenta of rigid bodies, about axes fixed in space and in the body, that are conserved.
 
-    `equation` tests symmetries. `stated` has the energies in quaternions. `read` has them in the rates of the bodies
-    about their own axes; the momenta are written in these rates.
+    `equation` tests symmetries. `stated` has the energies in quaternions. `read` has the energies in the rates of the
+    bodies about their own axes; the momenta are written in these rates.
     """
     statement = stated.statement
     for each, of_body, axis, candidate in body_turns(stated):
@@ -194,9 +194,8 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
 def _proven(equation: SymmetryEquation, candidate: Symmetry, *, complete: bool = True) -> Symmetry | None:
     """Return `candidate` if it is proven to be a symmetry, else None.
 
-    None is returned also if the proof would be too long.
-
-    If `complete` is true, a gauge function F(q, t) is added to the candidate where the symmetry needs it.
+    The result is also None if the proof would be too long. If `complete` is true, a gauge function F(q, t) is added to
+    the candidate where the symmetry needs it.
     """
     try:
         with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):

@@ -46,7 +46,10 @@ def on_side(expr: Any, edge: Any, sign: int) -> Any:
 
 
 ROUNDED_PIECES = 2.0**-40
-"""Largest difference of two pieces of a table where they meet, relative to their terms: 4,000 units of rounding."""
+"""Largest difference of two pieces of a tabulated function at the point where they meet, relative to their terms.
+
+It is about 4,000 units of rounding.
+"""
 
 BALANCED_FORCE = 1e-8  # Largest residual force at an equilibrium in decimals, relative to the stiffness
 
@@ -282,7 +285,7 @@ _SIZE = sympy.Dummy("size", real=True)
 def small(statement: Statement, about: Any, order: Any) -> Statement:
     """Return the statement expanded about the user's point `about`, to `order` in deviations from it.
 
-    Deviations are those of coordinates and velocities.
+    The deviations are changes of coordinates and velocities.
     """
     return _StatementExpansion(stated_point(statement, about), whole_number(order, "order", 2, HIGHEST)).statement()
 

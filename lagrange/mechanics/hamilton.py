@@ -36,10 +36,7 @@ from lagrange.statement.random_states import SamplePoint, holds, random_points
 from lagrange.statement.statement import Statement
 
 LARGEST_COUPLED_BLOCK = 4
-"""Largest number of coupled velocities that are solved for in symbols.
-
-The inverse of a matrix of five has thousands of terms.
-"""
+"""Largest number of coupled velocities solved for in symbols. The inverse of a 5 x 5 matrix has thousands of terms."""
 
 
 @dataclass(frozen=True)
@@ -162,9 +159,9 @@ def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
 def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tuple[list[Any], Any]:
     """Return the velocities of the coordinates `block` as functions of the momenta `symbols`, and H.
 
-    It is for coordinates whose inertia depends on their velocities. H is None if it is not known yet. If there are
-    several solutions, the one that reproduces velocities of random states is returned. Raises StatementError if none
-    does.
+    The inertia of these coordinates depends on their velocities. H is None if the method of solution does not give it.
+    If there are several solutions, the one that reproduces velocities of random states is returned. Raises
+    StatementError if none does.
     """
     candidates = _by_length(form, block, symbols)
     if not candidates and len(block) == 1:

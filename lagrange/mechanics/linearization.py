@@ -132,7 +132,7 @@ class Linearization(ShownAsPage):
     def _inverse(self, matrix: Any, rows: list[int], name: str) -> Any:
         """Return the inverse of the block of a matrix with the indices `rows` as rows and columns.
 
-        Raises StatementError if the block is singular; `name` is that of the matrix.
+        Raises StatementError if the block is singular; `name` is the name of the matrix in the message.
         """
         shortener = Shortener("the inverse of the " + name, vanishes_in_symbols)
         try:
@@ -147,7 +147,8 @@ class Linearization(ShownAsPage):
 def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     """Return the linearization of a system about the point `at`, after comparing it with the compiled model.
 
-    `inputs` are the parameters or given functions of time that are the inputs u. Rotations appear as small turns.
+    `inputs` are the parameters or given functions of time that are the inputs u. Rotations are described by small turns
+    of the bodies.
     """
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)
@@ -212,8 +213,9 @@ A determinant for 3 coordinates with 112 operations takes 0.3 s, for 2 coordinat
 
 SAMPLES = 4  # Number of random values of the symbols at which a mass matrix with long formulas is evaluated
 POLE_DISTANCES = (1e-3, 1e-4, 1e-5)
-"""Deviations of coordinates from a pole, at which the force is evaluated near the pole"""
-SAME_SQUARE = 0.9  # Least ratio of the smallest to the largest square of a force near a point that tends to one number
+"""Distances of the points at which a force is evaluated from a pole"""
+SAME_SQUARE = 0.9
+"""Ratio of the smallest to the largest squared force near a pole, above which the force does not vanish at it"""
 
 
 def has_inertia(lin: Linearization) -> bool:
@@ -298,16 +300,10 @@ def _note(
 
 
 INPUT_STEP = 1e-3
-"""Step of an input in the numerical derivative that verifies B.
-
-The derivative is exact for forces that are linear in the input.
-"""
+"""Step of an input in the difference that verifies B. The difference is exact for forces linear in the input."""
 
 INPUT_ERROR = 1e-5
-"""Largest difference of B from the numerical derivative, relative to the largest entry.
-
-It leaves room for the curvature of the force over the step.
-"""
+"""Largest difference of B from its numerical value, relative to the largest entry. Curvature adds to it."""
 
 
 def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
@@ -393,10 +389,7 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
 
 
 LARGEST_DIFFERENCE = 1e-7
-"""Largest difference from the Jacobian of the compiled model, relative to its largest entry.
-
-Both are accurate to about ten digits.
-"""
+"""Largest difference from the compiled Jacobian, relative to its largest entry. Both have about ten digits."""
 
 
 def check_turns(lin: Linearization, changes: SmallChanges, point: StatedPoint, model: Model) -> None:

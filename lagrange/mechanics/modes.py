@@ -30,12 +30,7 @@ from lagrange.mechanics.plain_form import (
     simplest,
     size,
 )
-from lagrange.mechanics.stability import (
-    REAL_PART,
-    first_order_matrix,
-    matrix_values,
-    stability_of,
-)
+from lagrange.mechanics.stability import REAL_PART, first_order_matrix, matrix_values, stability_of
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.display import ShownAsPage
@@ -47,19 +42,13 @@ LARGEST_SYMBOLIC = 4
 LONGEST_POLYNOMIAL = 3000  # Largest number of operations in a characteristic polynomial that is factored
 
 LONGEST_SIMPLIFIED = 60
-"""Largest number of operations in a formula with roots that SymPy simplifies.
-
-It takes about 0.1 s. A longer formula may take hours.
-"""
+"""Largest number of operations in a formula with roots that SymPy simplifies. Longer ones may take hours."""
 
 NULL_ENTRY = 1e-18
 """Entries of a null vector below this fraction of the largest entry count as zero: rounding of 30 digits"""
 
 SMALL = 1e-7
-"""Frequencies below this fraction of the largest count as zero.
-
-Their squares are computed to about 1e-16 of the largest square.
-"""
+"""Frequencies below this fraction of the largest count as zero. Their squares are accurate to about 1e-16."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +76,7 @@ class Modes(ShownAsPage):
         return self._summary(map(str, self.frequencies))
 
     def _summary(self, frequencies: Iterable[str]) -> str:
-        """Return one line with the stability and the `frequencies`, which are given as texts."""
+        """Return one line with the stability and the `frequencies`, which are texts."""
         word = {True: "stable", False: "unstable", None: "undecided"}[self.stable]
         return f"<Modes: {word}; frequencies {listing(frequencies)}>"
 
@@ -349,7 +338,7 @@ def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root]
     rigid = list(rows[sizes <= SMALL * max(1e-300, sizes.max())])  # zero is a multiple eigenvalue with few eigenvectors
     listed = []
     for other, i in pairs:
-        # Pairs are complex conjugates, or real: lowest with highest, which are opposite without damping.
+        # A pair is complex conjugate, or the lowest and the highest real eigenvalue, opposite without damping.
         value = eigenvalues[i]
         decay, frequency = -(value + other).real / 2, (value - other) / 2j
         shown = sympy.Float(frequency.real) if value.imag > SMALL * largest else sympy.I * sympy.Float(-frequency.imag)
@@ -390,7 +379,7 @@ class ModeShapes:
 def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
     """Return the shapes and frequencies of symbolic `modes` as numbers, at the stated values of the parameters.
 
-    Raises StatementError where a parameter has no value.
+    Raises StatementError if a parameter has no value.
     """
     form, lin = PlainForm(statement), modes.linearization
     constants = statement.defaults

@@ -25,10 +25,7 @@ LONGEST_FACTORED = 400
 """Largest number of operations in an expression that is expanded and factored: about 0.2 s of work."""
 
 MOST_TERMS = 2_000
-"""Largest number of terms, after expansion, of an expression that is expanded and factored.
-
-An expression of 1,300 terms takes 1 s.
-"""
+"""Largest number of terms, after expansion, of an expression that is factored. 1,300 terms take 1 s."""
 
 MOST_SYMBOLS = 12
 """Largest number of symbols, functions and roots in an expression that is factored: with more it takes long."""
@@ -39,10 +36,7 @@ HIGHEST_DEGREE = 100
 MERGED_TERMS = 20_000  # Largest number of products in merging sines and cosines: about 0.2 s
 
 LARGEST_FRACTION = 10
-"""Largest numerator and denominator of a fraction that is kept in an expression with decimals.
-
-Other fractions become decimals.
-"""
+"""Largest numerator and denominator of a fraction in an expression with decimals. Others become decimals."""
 
 _ANGLES = (sympy.sin, sympy.cos, sympy.tan)
 _INVERSES = (sympy.asin, sympy.acos, sympy.atan)
@@ -167,10 +161,7 @@ def is_zero(expression: Any) -> bool:
 STATES = 3  # Number of random states at which an expression must be zero to count as identically zero
 
 RESIDUAL = 1e-20
-"""Largest rounding error of an expression that is zero, relative to its terms.
-
-Values have FORMULA_DIGITS digits; the limit is two thirds of them.
-"""
+"""Largest rounding error of an expression that is zero, relative to its terms, with FORMULA_DIGITS digits."""
 
 
 def vanishes(form: PlainForm, expression: Any, kinds: Sequence[SampleKind] = ALL_KINDS) -> bool:

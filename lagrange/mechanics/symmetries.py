@@ -390,7 +390,7 @@ def body_motions(stated: StatedAlgebra, position: BodyPosition) -> Iterator[Symm
     squares = [_reduced(tangent.dot(tangent)) for tangent in tangents]
     units = [Matrix([int(j == k) for j in range(3)]) for k in range(3)]
     moved = units[: len(position.r)] if len(position.r) == len(tangents) else []  # a sphere permits no shift
-    turned = [unit.cross(r) for unit in units[:2]] if len(position.r) == 3 else []  # about z: see `shifts`
+    turned = [unit.cross(r) for unit in units[:2]] if len(position.r) == 3 else []  # about z an angle is shifted
     for motion in (*moved, *turned):
         parts = [_reduced(tangent.dot(motion)) / square for tangent, square in zip(tangents, squares, strict=True)]
         yield Symmetry(tuple(parts))

@@ -61,10 +61,7 @@ _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _FILL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
 _KEPT: dict[int, Any] = {}
-"""Compiled kernels by address, which keeps them alive.
-
-Functions of Numba hold the address only as a number, and may outlive the model.
-"""
+"""Compiled kernels by address. Numba's functions hold the address as a number, and may outlive the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +166,8 @@ class Model(compiled.Model):
             raise missing("as_jax", "pip install jax", error) from error
         if not jax.config.jax_enable_x64:
             raise StatementError(
-                "JAX computes in single precision, which has 7 digits: say jax.config.update('jax_enable_x64', True) "
-                "before arrays are made, then model.as_jax()."
+                "JAX computes in single precision, which has 7 digits: call jax.config.update('jax_enable_x64', True) "
+                "before arrays are created, then model.as_jax()."
             )
         text = load("jax").LIBRARY.source(program, quantity, entries(self))
         function: Any = defined(text, quantity, {})

@@ -32,10 +32,7 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
 """SymPy expression of each operation of a program."""
 
 MOST_DENOMINATOR = 64
-"""Largest denominator, a power of two, of a double that is written as a fraction.
-
-Other doubles become exact Floats.
-"""
+"""Largest denominator, a power of two, of a double written as a fraction. Others become exact Floats."""
 
 DOUBLE_DIGITS = 17  # Decimal digits that determine every double
 

@@ -73,7 +73,7 @@ def test_other_shapes_are_refused() -> None:
 
 def test_single_precision_is_refused_with_what_to_say(jax: Any) -> None:
     jax.config.update("jax_enable_x64", val=False)
-    with pytest.raises(StatementError, match=r"single precision.*say jax\.config\.update\('jax_enable_x64', True\)"):
+    with pytest.raises(StatementError, match=r"single precision.*call jax\.config\.update\('jax_enable_x64', True\)"):
         model("pendulum", "numpy").as_jax()
 
 

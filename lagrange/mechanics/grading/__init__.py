@@ -1,1 +1,1 @@
-"""Comparison of equations of motion that somebody derived with those of the system."""
+"""Grade a student's equations of motion: compare them with those of the system, and name the wrong term."""

@@ -40,7 +40,7 @@ DRAWS = 1000  # Random points drawn to reach further branches of conditions; mos
 MOST = 16  # Largest number of states added to cover other branches
 
 NEAREST = 8.0
-"""Largest number of leading digits that a drawn entry shares with a number of the equations.
+"""Largest number of leading digits that a drawn entry shares with a number in the equations.
 
 A branch that holds only between 3 and 3.0001 is then reached.
 """
@@ -183,7 +183,7 @@ class _Case:
     doubted: bool
 
     def wrong(self, samples: Sequence[MotionSample]) -> tuple[int, ...]:
-        """Return the indices of the equations that do not hold at all samples."""
+        """Return the indices of the equations that fail at one of the samples."""
         return tuple(i for i, row in enumerate(self.rows) if not row.holds(samples))
 
     def is_unlikely(self, samples: Sequence[MotionSample]) -> bool:
@@ -320,7 +320,8 @@ def _compared(case: _Case, samples: Sequence[MotionSample], untried: Sequence[Wa
     choices = with_multiples(rows, samples)
     negated = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
     count, slopes = len(statement.names), [list(row.slopes.values()) for row in rows]
-    free = not any(any(line[:count]) and any(line[count:]) for line in slopes)  # no equation determines their sign
+    # The sign of the multipliers is free unless an equation contains both multipliers and accelerations.
+    free = not any(any(line[:count]) and any(line[count:]) for line in slopes)
     if statement.constraints and free and not case.is_unlikely(negated):
         choices.append(negated)
     right = next((chosen for chosen in choices if not case.wrong(chosen)), None)
@@ -344,11 +345,11 @@ def _compared(case: _Case, samples: Sequence[MotionSample], untried: Sequence[Wa
 
 
 def _judged_wrong(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> EquationsComparison:
-    """Return the result for equations that are wrong at all `choices` of samples, which differ in the multipliers.
+    """Return the result for equations that do not all hold for any of the `choices` of samples.
 
-    The cause is, in this order: numbers in place of parameters, a common slip, a wrong definition, a slip of factors or
-    directions, or a wrong term. If the slip explains more than the wrong term does, the term goes to the details. Else
-    the message has both.
+    The choices differ in the multipliers. The cause is, in this order: numbers in place of parameters, a common slip, a
+    wrong definition, a slip of factors or directions, or a wrong term. If the slip explains more than the wrong term
+    does, the term goes to the details. Else the message has both.
     """
     numbers = _numbers_in_place(case)
     if numbers:

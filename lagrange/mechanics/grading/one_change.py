@@ -26,12 +26,7 @@ import sympy
 from lagrange.errors import StatementError
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.mechanics.grading.motion_samples import MotionSample
-from lagrange.mechanics.grading.student_equations import (
-    DIGITS,
-    EquationRow,
-    abbreviations,
-    unknowns_of,
-)
+from lagrange.mechanics.grading.student_equations import DIGITS, EquationRow, abbreviations, unknowns_of
 from lagrange.mechanics.grading.term_difference import (
     LARGEST_FACTOR,
     Difference,

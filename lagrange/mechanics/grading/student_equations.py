@@ -128,8 +128,8 @@ class _EquationReader:
         """Return a reader for a text, and {multiplier: symbol of the letter that the text uses for it}.
 
         For a system with one constraint, the text may use another letter for the multiplier, such as a letter for a
-        force. The unknown names in the text must leave only one such letter. `what` is the label of the text in
-        messages.
+        force. It is recognised if the unknown names in the text leave only one candidate. `what` is the label of the
+        text in messages.
         """
         words = {canonical(word) for word in WORD.findall(text)}
         reader, letters = TypedReader(self.names, self.others), [letter for letter in self.spellings if letter in words]

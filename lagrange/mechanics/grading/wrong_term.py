@@ -19,12 +19,7 @@ from lagrange.evidence.differences import solve_dense
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample
 from lagrange.mechanics.grading.one_change import Change, evaluated, one_change
-from lagrange.mechanics.grading.student_equations import (
-    EquationRow,
-    rate_symbols,
-    tape,
-    values_at,
-)
+from lagrange.mechanics.grading.student_equations import EquationRow, rate_symbols, tape, values_at
 from lagrange.mechanics.grading.term_difference import (
     Difference,
     Numbers,
@@ -43,7 +38,7 @@ LONGEST_SOLVED = 300  # Largest number of operations in a solved acceleration wh
 LONGEST_FACTOR = 12  # Largest number of operations of a factor of a side that a message quotes
 LONGEST_FORMULA = 3_000  # Largest number of operations in a solved acceleration whose terms are compared
 LONGEST_RATIO = 60  # Largest number of operations of two terms whose ratio is simplified
-MOST_NAMED = 2  # Largest number of wrong terms of an equation for which all are named; of more, only the first is
+MOST_NAMED = 2  # Largest number of wrong terms that are all named; if there are more, only the first one is named
 MOST_MATCHED = 60  # Largest number of terms of an equation that are matched one by one with those of a right equation
 
 
