@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -119,11 +118,6 @@ class Orbit:
             if inside.any():
                 states[inside] = part.dense(chosen[inside]).T
         return states
-
-    @cached_property
-    def span(self) -> tuple[float, float]:
-        """First and last time of the orbit."""
-        return float(self.t[0]), float(self.t[-1])
 
 
 def orbit(
