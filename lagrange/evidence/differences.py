@@ -315,7 +315,7 @@ TRUSTED = 1e-12
 
 
 class SingularMass(OutsideDomain):
-    """Error: the mass matrix is singular at the point."""
+    """Raised if the mass matrix is singular at the point."""
 
 
 def factorized(matrix: Sequence[Row], threshold: Any) -> Callable[[Row], Row]:

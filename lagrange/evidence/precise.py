@@ -35,11 +35,11 @@ integer part has.
 
 
 class OutsideDomain(Exception):
-    """Error: an expression has no real, finite value at the point."""
+    """Raised if an expression has no real, finite value at the point."""
 
 
 class BeyondDoubles(OutsideDomain):
-    """Error: the value exists, but an intermediate result exceeds the range of doubles."""
+    """Raised if a value exists, but an intermediate result exceeds the range of doubles."""
 
 
 def _multiply(prec: int) -> Operation:
@@ -66,13 +66,13 @@ def _power(exponent: Any, prec: int) -> Operation:
     return power
 
 
-def _unary(function: Callable[[Any, int, str], Any], spread: str) -> Callable[[int], Operation]:
+def _unary(function: Callable[[Any, int, str], Any], kind: str) -> Callable[[int], Operation]:
     # Cached, since differences move one coordinate at a time, so that the same few arguments recur.
-    return lambda prec: lru_cache(maxsize=1024)(lambda x: function(_bounded(x, spread), prec, "n"))
+    return lambda prec: lru_cache(maxsize=1024)(lambda x: function(_bounded(x, kind), prec, "n"))
 
 
-def _bounded(x: Any, spread: str) -> Any:
-    limit, message = _LIMITS[spread]
+def _bounded(x: Any, kind: str) -> Any:
+    limit, message = _LIMITS[kind]
     if x[2] + x[3] > limit:
         raise OverflowError(message)
     return x

@@ -63,13 +63,13 @@ def quick_check(model: Model) -> None:
     Raises RunError, with the entry, the state and the two values, if they disagree. A system passes without a test if
     the energies have no value at any point, including the initial state.
     """
-    statement, of_model = sampled_statement(model)
+    statement, model_point = sampled_statement(model)
     probe = _Probe(statement)
     confirmations = suspicious = 0
 
     def passes(point: SamplePoint) -> bool | None:
         nonlocal confirmations, suspicious
-        at = of_model(point)
+        at = model_point(point)
         try:
             a = [float(x) for x in model.accelerations(at.q, at.v, at.t, at.parameters)]
         except RunError:
@@ -275,10 +275,10 @@ def sampled_statement(model: Model) -> tuple[Statement, Callable[[SamplePoint], 
             table[symbol] = polynomial
             symbol, polynomial = rates[symbol], diff(polynomial, t)
 
-    def of_model(point: SamplePoint) -> SamplePoint:
+    def model_point(point: SamplePoint) -> SamplePoint:
         at = {**point.parameters, t: point.t}
         inputs = {symbol: float(value.xreplace(at)) for symbol, value in table.items()}
         values = {p: inputs[p] if p in inputs else point.parameters[p] for p in statement.parameters}
         return replace(point, parameters=values)
 
-    return varying, of_model
+    return varying, model_point

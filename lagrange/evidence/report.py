@@ -146,7 +146,7 @@ SMOOTHNESS = 1e-14
 class ReferenceEntries:
     """Reference values of the entries of one quantity, flattened, with error bounds and sizes.
 
-    `error` bounds the errors of the numerical differentiation behind the values `value`. `size` is the magnitude of the
+    `error` bounds the errors of the numerical differentiation that gave `value`. `size` is the magnitude of the
     terms of each entry; `lagrange.evidence.reference` defines it.
     """
 

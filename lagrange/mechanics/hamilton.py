@@ -239,8 +239,8 @@ class Hamiltonian(ShownAsPage):
 
     `expression` is H. `momenta` maps each coordinate to its momentum p_q, a function of time. `velocities` maps each
     coordinate to dq/dt, and `forces` to its force without a potential, Q - dD/dv, as functions of coordinates and
-    momenta. `statement` states a system whose coordinates are q and p, by the Lagrangian p.dq/dt - H. `made` is a
-    function that returns the System of a statement.
+    momenta. `statement` states a system whose coordinates are q and p, by the Lagrangian p.dq/dt - H. `system_of` is
+    a function that returns the System of a statement.
     """
 
     expression: Any
@@ -248,7 +248,7 @@ class Hamiltonian(ShownAsPage):
     velocities: Mapping[Any, Any]
     forces: Mapping[Any, Any]
     statement: Statement
-    made: Callable[[Statement], Any]
+    system_of: Callable[[Statement], Any]
 
     def __repr__(self) -> str:
         return f"<Hamiltonian: {self.expression}>"
@@ -279,7 +279,7 @@ class Hamiltonian(ShownAsPage):
     @cached_property
     def system(self) -> Any:
         """The System of first order whose coordinates are q and p. Its runs agree with the original system."""
-        return self.made(self.statement)
+        return self.system_of(self.statement)
 
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
         """Compile Hamilton's equations; the state (4n,) is [q, p] followed by their rates."""
@@ -382,7 +382,7 @@ def _record(
         ),
         forces=MappingProxyType(forces),
         statement=with_origin(first_order, statement),
-        made=system_of,
+        system_of=system_of,
     )
 
 

@@ -76,8 +76,8 @@ def rational_below(expression: Any) -> Any:
     nested = any(outer.has(*powers) for outer in around) if powers else True
     if nested or size(expression) > LONGEST_FACTORED or _generators(expression) > MOST_SYMBOLS:
         return expression
-    put = expression.xreplace({x: roots[x.base] ** x.exp.p for x in powers})
-    above, below = sympy.fraction(sympy.together(put))
+    replaced = expression.xreplace({x: roots[x.base] ** x.exp.p for x in powers})
+    above, below = sympy.fraction(sympy.together(replaced))
     for base, root in roots.items():
         if below.has(root):
             conjugate = below.xreplace({root: -root})

@@ -95,11 +95,11 @@ def _follow(
             branches_left[0] -= 1
             if branches_left[0] < 0:
                 raise GivenUpError
-            put = {unknown: value}
-            earlier = {x: simplest(with_known_signs(known.xreplace(put))) for x, known in known_values.items()}
-            others = [with_known_signs(e.xreplace(put)) for e in remaining if e is not equation]
+            table = {unknown: value}
+            earlier = {x: simplest(with_known_signs(known.xreplace(table))) for x, known in known_values.items()}
+            others = [with_known_signs(e.xreplace(table)) for e in remaining if e is not equation]
             rest = tuple(x for x in unknowns if x != unknown)
-            solutions += _follow(others, rest, {**earlier, **put}, branches_left)
+            solutions += _follow(others, rest, {**earlier, **table}, branches_left)
         return solutions
     return _together(remaining, unknowns, known_values)
 

@@ -73,7 +73,7 @@ def place(stated: StatedAlgebra) -> BodyPosition | None:
 
 
 def _mass(stated: StatedAlgebra) -> Any:
-    """Return the mass of a single body: the first constant entry of a diagonal mass matrix; None if there is none."""
+    """Return the mass of a single body: the first constant entry of a diagonal mass matrix; None for other matrices."""
     coupled = (stated.mass[i][j] for i, j in combinations(range(len(stated.q)), 2))
     if any(map(stated.algebra.merge_angles, coupled)):
         return None

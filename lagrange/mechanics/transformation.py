@@ -117,7 +117,7 @@ def transformed(
 
     `expressions` maps old coordinates to expressions in new ones. `positive` lists new coordinates that are positive.
     `parameters` has values for parameters that only the expressions contain. `initial` is the initial state in the new
-    coordinates; if None, it is computed from the stated one. Raises StatementError if the expressions are no
+    coordinates; if None, it is computed from the stated one. Raises StatementError if the expressions are not a
     transformation.
     """
     change = _transformation(statement, expressions, positive)

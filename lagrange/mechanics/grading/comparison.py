@@ -419,9 +419,9 @@ def _condition(case: _Case) -> str:
         signs = [[value > 0 for value in values_at(program, sample)] for sample in samples]
     except (StatementError, OutsideDomain):
         return ""
-    held = [k for k, sample in enumerate(samples) if not case.wrong([sample])]
-    shared = {i: signs[held[0]][i] for i in range(len(arguments)) if len({signs[k][i] for k in held}) == 1}
-    if not shared or held != [k for k, line in enumerate(signs) if all(line[i] == way for i, way in shared.items())]:
+    holding = [k for k, sample in enumerate(samples) if not case.wrong([sample])]
+    shared = {i: signs[holding[0]][i] for i in range(len(arguments)) if len({signs[k][i] for k in holding}) == 1}
+    if not shared or holding != [k for k, line in enumerate(signs) if all(line[i] == way for i, way in shared.items())]:
         return ""
     return listing(f"{case.write(arguments[i])} {'>' if way else '<'} 0" for i, way in shared.items())
 
