@@ -125,7 +125,7 @@ of a relativistic particle.
 PROBES = (1.0, 1e-3, 1e-6)
 """Velocities for the coefficients of a quadratic energy. The first with finite energies is used."""
 
-ENERGY_ERROR = 1e-10  # Largest accepted error of the energy, relative to the energy and to its value at zero velocity
+ENERGY_ERROR = 1e-10  # Largest accepted error of the energy, relative to the sum of energy and energy at zero velocity
 
 
 @dataclass(frozen=True, eq=False)

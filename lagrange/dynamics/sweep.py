@@ -29,7 +29,7 @@ SAME_POINT = 1e-6
 DIFFERENCE_NOISE = 1e-12
 """Largest rounding noise of the difference of two states, relative to a scale of the entry.
 
-The scale of a coordinate is its size, or the size of its velocity times the mean period.
+The scale of a coordinate is the larger of its size and its velocity times the mean period. Velocities correspond.
 """
 
 

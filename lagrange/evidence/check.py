@@ -58,7 +58,7 @@ All entries of a chain of 10 links in relative angles are compared at 5 points: 
 """
 
 SMALL_ENTRY = 1e-12
-"""An entry of the state below this fraction of the largest counts as zero. Steps do not depend on its size."""
+"""Entries of the state below this fraction of the largest get its weight in a random direction."""
 
 MOST_CHECKED_POINTS = 10_000
 """Largest number of points of one check."""

@@ -345,7 +345,7 @@ def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRat
 
 
 def _placed(model: Model, point: SamplePoint) -> SamplePoint | None:
-    """Return the nearest state on the constraints to a sample point, as a sample point; None if no such state is found.
+    """Return a state on the constraints near a sample point, as a sample point; None if no such state is found.
 
     Coordinates without inertia also get the velocities that their first-order equations of motion require.
     """

@@ -347,7 +347,7 @@ def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[
 
 
 LARGEST_COUNT = 4
-"""Integers up to this number, and their halves, are exponents or factors rather than values of parameters"""
+"""Integers and half-integers up to this number are exponents or factors, not values of parameters"""
 
 
 def with_parameters(
