@@ -155,15 +155,8 @@ def _rates(statement: Statement) -> tuple[Any, ...]:
     Raises StatementError if time occurs outside of sines and cosines.
     """
     parts = _parts(statement)
-    waves = sorted(
-        {
-            wave
-            for part in parts
-            for wave in part.atoms(sympy.sin, sympy.cos)
-            if wave.args[0].has(t) and wave.args[0].diff(t, 2) == 0
-        },
-        key=str,
-    )
+    circular = {wave for part in parts for wave in part.atoms(sympy.sin, sympy.cos)}
+    waves = sorted((wave for wave in circular if wave.args[0].has(t) and wave.args[0].diff(t, 2) == 0), key=str)
     silent = {wave: sympy.Dummy() for wave in waves}
     if not waves or any(part.xreplace(silent).has(t) for part in parts):
         raise StatementError(
@@ -179,9 +172,8 @@ def driving_period(statement: Statement, values: Mapping[Any, float]) -> float:
     Raises StatementError if the angular frequencies of the driving have no common period.
     """
     constants = {symbol: sympy.Float(value, 17) for symbol, value in values.items()}
-    rates = sorted(
-        {rate for rate in (abs(float(frequency.xreplace(constants))) for frequency in _rates(statement)) if rate > 0}
-    )
+    frequencies = {abs(float(frequency.xreplace(constants))) for frequency in _rates(statement)}
+    rates = sorted(rate for rate in frequencies if rate > 0)
     if not rates:
         raise StatementError(
             f"the driving of {statement.name} has the frequency zero: give section=..., the period in the unit of time."

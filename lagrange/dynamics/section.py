@@ -280,11 +280,10 @@ def section_of(definition: Any, model: Model, parameters: FloatArray) -> Event |
         return declare_events([definition], model.statement, constant="a section")[0]
     constant = isinstance(definition, sympy.Expr) and not expression(definition, "the section").has(time_symbol)
     if constant or (not isinstance(definition, (sympy.Basic, str, bytes)) and not callable(definition)):
-        values = dict(zip(model.statement.parameters, parameters.tolist(), strict=True))
-        by_name = (
-            {p: values[q] for p in definition.free_symbols for q in values if p.name == q.name} if constant else {}
-        )
-        period = definition.xreplace(by_name) if constant else definition
+        pairs = zip(model.statement.parameters, parameters.tolist(), strict=True)
+        by_name = {parameter.name: value for parameter, value in pairs}
+        known = {p: by_name[p.name] for p in definition.free_symbols if p.name in by_name} if constant else {}
+        period = definition.xreplace(known) if constant else definition
         return positive_number(period, "the period of the section", "give a positive time")
     return declare_events([definition], model.statement)[0]
 

@@ -215,6 +215,7 @@ class _Session:
             checked, more = share * len(self.used), math.ceil(width / share)
             notes = [f"The Jacobian is checked in {checked} of its {width} columns: points={more} checks all of them."]
         covered = "found" if share else "checked"
+        missing = (describe_way(switch, way, self.statement) for switch, way in self._missing())
         return Report(
             system=self.statement.name,
             target=self.model.target,
@@ -222,13 +223,7 @@ class _Session:
             points=tuple(point.describe(self.statement.names) for point in self.used),
             outside=dict(self.outside),
             unexplained=tuple(self.comparison.unexplained),
-            notes=(
-                *(
-                    f"Not covered: no point was {covered} where {describe_way(switch, way, self.statement)}."
-                    for switch, way in self._missing()
-                ),
-                *notes,
-            ),
+            notes=(*(f"Not covered: no point was {covered} where {outcome}." for outcome in missing), *notes),
             limit=LIMIT,
             seconds=time.perf_counter() - self.started,
         )
@@ -369,19 +364,13 @@ def textbook_tape(textbook: Textbook, statement: Statement) -> Precise | SolvedT
     """
     if isinstance(textbook, SolvedTextbook):
         return textbook
-    table = {**textbook}
-    missing = [
-        name
-        for q, name in zip(statement.coordinates, statement.names, strict=True)
-        if q not in table and acceleration_of(q) not in table
-    ]
+    accelerations = [textbook.get(q, textbook.get(acceleration_of(q))) for q in statement.coordinates]
+    missing = [name for name, a in zip(statement.names, accelerations, strict=True) if a is None]
     if missing:
         raise StatementError(
             f"the textbook has no acceleration of {listing(missing)}: give the accelerations of all coordinates."
         )
-    return Precise(
-        [table.get(q, table.get(acceleration_of(q))) for q in statement.coordinates], statement, REFERENCE_DIGITS
-    )
+    return Precise(accelerations, statement, REFERENCE_DIGITS)
 
 
 MOST_DERIVED = 100

@@ -359,9 +359,8 @@ class _PreciseRun:
             np.array([max(abs(float(dot(row, column))) for row in rows) for column in columns])
             for rows in (self.rule.middle, self.rule.tail)
         )
-        if not (
-            tail <= np.maximum(SLACK * 10.0**-self.digits * sizes, SLACK * 10.0 ** (-self.digits / 4) * middle)
-        ).all():
+        limit = np.maximum(SLACK * 10.0**-self.digits * sizes, SLACK * 10.0 ** (-self.digits / 4) * middle)
+        if not (tail <= limit).all():
             raise _TooLong
 
     def _states(self, h: Any, state: Numbers, a: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers]]:

@@ -256,10 +256,8 @@ class Hamiltonian(ShownAsPage):
     def equations(self) -> list[Any]:
         """Return Hamilton's equations, a list of SymPy Eq: the rates of the coordinates, then those of the momenta."""
         rates = [sympy.Eq(velocity_of(q), self._slope(p), evaluate=False) for q, p in self.momenta.items()]
-        for q, p in self.momenta.items():
-            right = simplest(-self._slope(q)) + self.forces[q]
-            rates.append(sympy.Eq(velocity_of(p), right, evaluate=False))
-        return rates
+        pulls = {p: simplest(-self._slope(q)) + self.forces[q] for q, p in self.momenta.items()}
+        return rates + [sympy.Eq(velocity_of(p), pull, evaluate=False) for p, pull in pulls.items()]
 
     @refusing_deep
     def poisson(self, f: Any, g: Any) -> Any:
@@ -269,11 +267,9 @@ class Hamiltonian(ShownAsPage):
         functions of momenta. Raises StatementError for any other symbol.
         """
         first, second = self._function(f, "the first function"), self._function(g, "the second function")
-        form, pairs = self._form, list(self.momenta.items())
-        terms = []
-        for q, p in pairs:
-            x, y = form.plain[q], form.plain[p]
-            terms.append(first.diff(x) * second.diff(y) - first.diff(y) * second.diff(x))
+        form = self._form
+        pairs = ((form.plain[q], form.plain[p]) for q, p in self.momenta.items())
+        terms = (first.diff(x) * second.diff(y) - first.diff(y) * second.diff(x) for x, y in pairs)
         return form.written(simplest(sympy.Add(*terms)))
 
     @cached_property

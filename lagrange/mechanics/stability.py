@@ -396,13 +396,9 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
     before: FloatArray | None = None
     solved_rows: list[int] = []
     for k, value in enumerate(chosen):
-        parameter_values = model.parameter_values({label: float(value)})
-        state = (
-            _stated(point, parameter_values)
-            if lin is not None
-            else _equilibrium(point, model, parameter_values, before)
-        )
-        matrix = None if state is None else _matrix(lin, model, state, parameter_values)
+        numbers = model.parameter_values({label: float(value)})
+        state = _equilibrium(point, model, numbers, before) if lin is None else _stated(point, numbers)
+        matrix = None if state is None else _matrix(lin, model, state, numbers)
         if state is None or matrix is None:
             continue
         # Extrapolation from two earlier rows keeps the columns in order where eigenvalues cross.

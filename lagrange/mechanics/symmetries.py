@@ -150,9 +150,7 @@ def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
         if len(moved) == 1:
             return f"{'p_' if symmetry.gauge == 0 else 'momentum '}{names[moved[0]]}"
         shared = dict.fromkeys(axis_of(names[i]) for i in moved)
-        return (
-            f"momentum {next(iter(shared))}" if len(shared) == 1 else f"momentum of {listing(names[i] for i in moved)}"
-        )
+        return f"momentum {next(iter(shared)) if len(shared) == 1 else f'of {listing(names[i] for i in moved)}'}"
     return "momentum of a symmetry"
 
 
