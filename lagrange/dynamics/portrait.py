@@ -325,7 +325,7 @@ def _ended(
         words.append(note)
     if work.driven:
         words.append(
-            f"{statement.name} depends on time: the field is that of t = {work.time:g}, and orbits begin there and may "
+            f"{statement.name} depends on time: the field is drawn at t = {work.time:g}. Orbits begin then and may "
             "cross. lg.poincare(...) with the period of the driving shows them as points."
         )
     elif not work.alone:

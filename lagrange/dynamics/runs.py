@@ -79,7 +79,7 @@ def starts_of(model: Model, starts: Any, base: FloatArray) -> FloatArray:
         listed.append(entry)
     if not listed:
         raise StatementError(
-            "starts is empty: give at least one initial state, such as {} for the one that the system states."
+            "starts is empty: give at least one initial state, such as {} for the stated initial state."
         )
     if not any(isinstance(entry, Mapping) for entry in listed):
         return _of_array(model, real_array(listed, "starts"))

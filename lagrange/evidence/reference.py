@@ -137,8 +137,8 @@ class Reference:
         # this cancellation. A wrong slope is still found: its error exceeds 1e-12 of this bound.
         extent = max(1.0, *map(abs, (*point.q, *point.v)))
         longest = max(map(abs, columns.weights)) if isinstance(columns, Direction) else 1
-        floors = [least / (extent / longest) for least in entries["accelerations"].size]
-        slopes = replace(slopes, size=[max(x, floors[k % n]) for k, x in enumerate(slopes.size)])
+        least_sizes = [least / (extent / longest) for least in entries["accelerations"].size]
+        slopes = replace(slopes, size=[max(x, least_sizes[k % n]) for k, x in enumerate(slopes.size)])
         jacobian = ReferenceEntries([], [], [])
         for k in range(count):
             jacobian = jacobian + rates.part(k * n, n) + slopes.part(k * n, n)

@@ -254,7 +254,7 @@ class Hamiltonian(ShownAsPage):
         return f"<Hamiltonian: {self.expression}>"
 
     def equations(self) -> list[Any]:
-        """Return Hamilton's equations, a list of SymPy Eq: the rates of the coordinates, then those of the momenta."""
+        """Return Hamilton's equations, a list of SymPy Eq: for the coordinates, then for the momenta."""
         rates = [sympy.Eq(velocity_of(q), self._slope(p), evaluate=False) for q, p in self.momenta.items()]
         pulls = {p: simplest(-self._slope(q)) + self.forces[q] for q, p in self.momenta.items()}
         return rates + [sympy.Eq(velocity_of(p), pull, evaluate=False) for p, pull in pulls.items()]

@@ -86,7 +86,7 @@ class Model(compiled.Model):
     """A system compiled for one machine. Kernels are compiled when they are first used.
 
     Coordinates and velocities are arrays (n,), or (n, batch) for many states at once. A state y is [q, v], (2n,) or
-    (2n, batch). Units are those of the statement. `parameters` is a dict by symbol or name; parameters without an entry
+    (2n, batch). Units are as in the statement. `parameters` is a dict by symbol or name; parameters without an entry
     have the statement's defaults. Every method raises StatementError for wrong shapes and for a missing or unknown
     parameter, and RunError where the mass matrix is singular. The methods as_... return a quantity or the equations for
     other libraries.

@@ -141,7 +141,7 @@ def test_a_driven_system_is_shown_at_a_time_and_says_so() -> None:
     result = lg.phase_portrait(driven_linear(), {x: (-1, 1), x.dot: (-2, 2)}, t=0.3)
     place, rate = np.meshgrid(result.x, result.y)
     assert result.v == pytest.approx(-rate / 2 + np.cos(0.9) - 4 * place)
-    assert "depends on time: the field is that of t = 0.3" in result.message
+    assert "depends on time: the field is drawn at t = 0.3" in result.message
     assert result.orbits[0].t[0] == 0.3
 
 

@@ -39,7 +39,7 @@ LONGEST_FACTOR = 12  # Largest number of operations of a factor of a side that a
 LONGEST_FORMULA = 3_000  # Largest number of operations in a solved acceleration whose terms are compared
 LONGEST_RATIO = 60  # Largest number of operations of two terms whose ratio is simplified
 MOST_NAMED = 2  # Largest number of wrong terms that are all named; if there are more, only the first one is named
-MOST_MATCHED = 60  # Largest number of terms of an equation that are matched one by one with those of a right equation
+MOST_MATCHED = 60  # Largest number of terms of an equation that are matched one by one with right terms
 
 
 @dataclass(frozen=True)
