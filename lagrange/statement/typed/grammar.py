@@ -12,11 +12,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import islice, product, zip_longest
 
+from lagrange.statement.typed.conditions import Comparison, Condition, cover
 from lagrange.statement.typed.names import Names, Piece
 from lagrange.statement.typed.remarks import WORD, kind_of
+from lagrange.statement.typed.respelling import ROW
 from lagrange.statement.typed.tokens import OPENING, ORDERS, Token
 
 DEEPEST = 40  # Largest number of levels of brackets, functions, fractions and exponents; the parser is recursive
+LONGEST_CASES = 20_000  # Largest number of characters of values with conditions in the notation of scene files
+MOST_COMPARISONS = 8  # Largest number of comparisons of a condition; its text repeats values for them
 MOST_READINGS = 12  # Largest number of readings of one text that are tried
 
 SUM, PRODUCT, POWER, ATOM = range(4)
@@ -431,22 +435,104 @@ class _Parser:
         return value if exponent is None else Part(f"{value.text}**{exponent.at(ATOM)}", POWER, moves=value.moves)
 
     def cases(self) -> Part:
-        """Read the rest of Piecewise((value, condition), ..., (value, True)). A condition is one comparison."""
-        text, moves, separator = "", False, "("
-        while True:
-            self.expect(separator)
-            self.expect("(")
+        """Read the rest of Piecewise((value, condition), ..., (value, True)).
+
+        The mark ROW may stand between two pairs in place of their brackets. The last pair may have a condition, too, if
+        the conditions together hold everywhere.
+        """
+        values, conditions, moves, closed = list[str](), list[Condition](), False, True
+        self.expect("(")
+        while len(values) == len(conditions) and (not values or self.next_is(",", ROW)):
+            if values:
+                closed = self.expect(",", ROW) == ","
+            if closed:
+                self.expect("(")
             value = self.sum()
+            values.append(value.text)
+            moves |= value.moves
             self.expect(",")
             if (token := self.peek()) is not None and token.text == "True":
                 self.index += 1
+            else:
+                condition, changes = self.condition()
+                conditions.append(condition)
+                moves |= changes
+            if not self.next_is(ROW):
                 self.expect(")")
-                self.expect(")")
-                return Part(f"({text}{value.text})", moves=moves or value.moves)
-            left, sign, right = self.sum(), self.expect(*ORDERS), self.sum()
+        if len(values) == len(conditions) and not cover(conditions):
+            raise self.fault("the cases do not say what holds elsewhere: end with (value, True), or with 'otherwise'")
+        self.expect(")")
+        text = values[-1]
+        for earlier, condition in zip(values[-2::-1], conditions[len(values) - 2 :: -1], strict=True):
+            text = condition.chosen(earlier, text)
+            if len(text) > LONGEST_CASES:
+                raise self.fault("the conditions are too long: state fewer at once")
+        return Part(f"({text})", moves=moves)
+
+    def condition(self, *, weak: bool = True) -> tuple[Condition, bool]:
+        """Read comparisons with "and" and, if `weak` is true, "or" between them. Return if they change in time, too."""
+        condition, moves = self.condition(weak=False) if weak else self.comparison()
+        while self.next_is("or" if weak else "and"):
+            self.index += 1
+            other, changes = self.condition(weak=False) if weak else self.comparison()
+            condition = self.bounded(condition.either(other) if weak else condition.both(other))
+            moves |= changes
+        return condition, moves
+
+    def bounded(self, condition: Condition) -> Condition:
+        """Return a condition. Raises TypedFault if it has too many comparisons."""
+        if len(condition) > MOST_COMPARISONS:
+            raise self.fault(f"a condition has more than {MOST_COMPARISONS} comparisons")
+        return condition
+
+    def comparison(self) -> tuple[Condition, bool]:
+        """Read a < b, a < b < c, a condition in brackets, or one after "not". Return if it changes in time, too."""
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise self.fault(f"more than {DEEPEST} brackets stand inside each other")
+        if self.next_is("not"):
+            self.index += 1
+            condition, moves = self.comparison()
+            condition = self.bounded(condition.opposite())
+        elif self.next_is("and", "or"):
+            condition, moves = self.joined()
+        else:
+            condition, moves = self.compared()
+        self.depth -= 1
+        return condition, moves
+
+    def joined(self) -> tuple[Condition, bool]:
+        """Read the rest of And(condition, ...) or Or(condition, ...)."""
+        join = Condition.both if self.expect("and", "or") == "and" else Condition.either
+        self.expect("(")
+        condition, moves = self.condition()
+        while self.next_is(","):
+            self.index += 1
+            other, changes = self.condition()
+            condition, moves = self.bounded(join(condition, other)), moves or changes
+        self.expect(")")
+        return condition, moves
+
+    def compared(self) -> tuple[Condition, bool]:
+        """Read a < b or a < b < c, or else a condition in brackets."""
+        begin = self.index, self.depth, self.bars, dict(self.rates)
+        try:
+            parts, signs = [self.sum()], [self.expect(*ORDERS)]
+            parts.append(self.sum())
+        except TypedFault:
+            self.index, self.depth, self.bars, self.rates = begin
+            if not self.next_is("("):
+                raise
+            self.index += 1
+            condition = self.condition()
             self.expect(")")
-            text += f"{value.text} if {left.text} {sign} {right.text} else "
-            moves, separator = moves or value.moves or left.moves or right.moves, ","
+            return condition
+        while self.next_is(*ORDERS):
+            signs.append(self.expect(*ORDERS))
+            parts.append(self.sum())
+        texts = [part.text for part in parts]
+        comparisons = tuple(map(Comparison, texts, signs, texts[1:]))
+        return Condition((comparisons,)), any(part.moves for part in parts)
 
     def bare_argument(self, function: Token) -> Part:
         """Read an argument without brackets: factors up to the first that changes in time, as `2 omega t` or `k x`."""

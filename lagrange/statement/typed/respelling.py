@@ -12,6 +12,7 @@ from collections.abc import Callable
 from functools import partial
 
 MATRIX_MARKS = MATRIX, CELL, ROW, MATRIX_END = "⟦╎╱⟧"  # Beginning of a matrix, new column, new row, end of the matrix
+AND, OR, NOT = "∧∨¬"
 CONSEQUENCE = "⇒"  # Mark between an equation and its consequence
 # Plain letters and brackets in place of those of formula editors, and a blank for the mark at the start of some files
 PLAIN_LETTERS = {code: unicodedata.normalize("NFKC", chr(code)) for code in range(0x1D400, 0x1D800)}
@@ -19,6 +20,12 @@ PLAIN_LETTERS |= {0x210E: "h", 0xFEFF: " ", ord("〖"): "(", ord("〗"): ")"}
 _ROW_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?")
 _OVER = r"\\over(?![A-Za-z])"
 _IN_BRACES = r"(?:[^{}]|\{[^{}]*\})"  # Matches a character of a group in braces, or a group inside it
+_ELSE = r"(?:otherwise|elsewhere|else|sonst)"
+_UNEQUAL = r"(?:[<>]=?|[^=<>])*?"  # Any text without a sign of equality
+_INNER = r"[^()]*+(?:\([^()]*+\)[^()]*+)*+"  # A text with at most one level of brackets
+_INNER = rf"[^()]*+(?:\({_INNER}\)[^()]*+)*+"
+_INNER = rf"[^()]*+(?:\({_INNER}\)[^()]*+)*+"
+_INNER = rf"[^()]*+(?:\({_INNER}\)[^()]*+)*+"
 _ABOVE_TIME = r"(?:(?!\\partial)[^=+\n]){0,24}\}\s*\{\s*\\partial\s*t(?![A-Za-z])"  # Matches the end of a quotient d/dt
 
 
@@ -33,11 +40,30 @@ def _marked(match: re.Match[str]) -> str:
 
 def _cases(match: re.Match[str]) -> str:
     """Return LaTeX rows of values and conditions as Piecewise((value, condition), ...)."""
-    rows = re.sub(r"\\text\s*\{\s*otherwise\s*\}", lambda word: "True".ljust(len(word.group())), match.group(1))
-    begin = r"[,;]?\s*&(?:\s*\\text\s*\{\s*(?:if|for|falls)\s*\})?"  # Matches the beginning of a condition
-    rows = re.sub(begin, lambda mark: ",".ljust(len(mark.group())), rows)
-    rows = re.sub(r"\s*\\\\\s", lambda mark: "),(".ljust(len(mark.group())), rows).replace("\n", " ")
-    return "Piecewise((".ljust(match.start(1) - match.start()) + rows + "))".rjust(match.end() - match.end(1))
+    rows = match.group(1)
+    for pattern, mark in (
+        (rf"\\(?:text|mbox|mathrm|textrm)\s*\{{\s*{_ELSE}[\s.]*\}}|\b{_ELSE}\b", "True"),
+        (r"[,;]?\s*&(?:\s*\\text\s*\{\s*(?:if|for|falls|wenn|when)\s*\})?", ","),  # The beginning of a condition
+        (r"[,;.\s]*(?:\\\\\s*)?$", ""),
+        (r"[,;.\s]*\\\\(?:\[[^\]\n]*\]|\s|(?![A-Za-z]))", ROW),
+    ):
+        rows = re.sub(pattern, lambda words, mark=mark: mark.ljust(len(words.group())), rows)
+    begin, end = match.start(1) - match.start(), match.end() - match.end(1)
+    return "Piecewise((".ljust(begin) + rows.replace("\n", " ") + "))".rjust(end)
+
+
+def _conditions(match: re.Match[str]) -> str:
+    """Return the matched Piecewise(...) with the signs AND, OR and NOT in place of words and of signs of programs."""
+    text = match.group()
+    for pattern, sign in (
+        (r"\b(?:[Aa]nd|und)\b|&&?", AND),
+        (r"\b(?:[Oo]r|oder)\b|\|\||(?<=\))\s*\|(?=\s*\()", OR),
+        (r"\b(?:[Nn]ot|nicht)\b", NOT),
+        ("<=", "≤"),  # A bracket with a sign of equality would be taken for a remark
+        (">=", "≥"),
+    ):
+        text = re.sub(pattern, lambda words, sign=sign: sign.ljust(len(words.group())), text)
+    return text
 
 
 _RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
@@ -54,13 +80,15 @@ _RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
         _marked,
     ),
     # Values with conditions. Equations in this frame, with a sign =, stay lines.
-    (r"\\begin\{cases\}([^=]*?&[^=]*?)\\end\{cases\}", _cases),
+    (rf"\\begin\{{cases\}}({_UNEQUAL}&{_UNEQUAL})\\end\{{cases\}}", _cases),
     # A new line of LaTeX, or the end of one formula and the begin of the next
     (r"\\\\(?:\[[^\]\n]*\])?|\$\s+\$|\\\]\s*\\\[|\\\)\s*\\\(", "\n"),
     # A fraction of TeX: {g \over l}
     (rf"(?<!\\)\{{((?:(?!{_OVER}){_IN_BRACES})*+){_OVER}({_IN_BRACES}*+)\}}", r"((\1)/(\2))"),
     # Words in a group of LaTeX: \text{and}
     (r"(?<![_{])\\(?:text|mbox|textrm|textit|intertext)\s*\{([^{}\n]*)\}", r" \1"),
+    # Words and signs of programs between conditions
+    (rf"\bPiecewise\s*\({_INNER}\)", _conditions),
     # An equation in bold type: **x'' = 0**
     (r"^([ \t>-]*(?:[^=*\n]*:[ \t]*)?)\*\*(?=\S)([^\n]*[^\s*])\*\*(?=[ \t.,;]*$)", r"\1  \2"),
     # The mark > of a quoted mail

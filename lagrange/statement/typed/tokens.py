@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 
-from lagrange.statement.typed.respelling import MATRIX_MARKS
+from lagrange.statement.typed.respelling import AND, MATRIX_MARKS, NOT, OR
 from lagrange.statement.vocabulary.functions import ALIASES, WORDS
 from lagrange.statement.vocabulary.letters import GREEK
 
@@ -20,6 +20,7 @@ DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2, "\N{COMBININ
 # Marks after a letter that mean derivatives, and the order of the derivative
 PRIMES = {**dict.fromkeys("'’‘′´`˙", 1), **dict.fromkeys('"″”“¨', 2)}
 ORDERS = ("<", "<=", ">", ">=")  # Signs of a comparison
+CONNECTIVES = {AND: "and", OR: "or", NOT: "not"}  # Signs between conditions
 # Signs of formulas, with the plain sign of each
 SIGNS = {
     "**": "^",
@@ -32,6 +33,7 @@ SIGNS = {
     **dict.fromkeys("·⋅×∗•", "*"),
     **dict.fromkeys("÷∕⁄", "/"),
     "√": "sqrt",
+    **CONNECTIVES,
 }
 # LaTeX commands for signs, with the plain sign of each
 _COMMAND_SIGNS = {
@@ -41,6 +43,9 @@ _COMMAND_SIGNS = {
     **dict.fromkeys(("rbrace", "rparen"), ")"),
     **dict.fromkeys(("le", "leq"), "<="),
     **dict.fromkeys(("ge", "geq"), ">="),
+    **dict.fromkeys(("land", "wedge"), "and"),
+    **dict.fromkeys(("lor", "vee"), "or"),
+    **dict.fromkeys(("lnot", "neg"), "not"),
     "lt": "<",
     "gt": ">",
     "div": "/",

@@ -149,6 +149,10 @@ def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
         ("2 sin", ["has no symbol of this system. An answer is an equation such as theta'' = ... The symbols are"]),
         ("d/dt(x'') = 0", ["equations of motion do not contain the time derivative of x_ddot: write the equation"]),
         ("x**1001 + 2 x", ["the exponent 1001 is out of bounds"]),
+        ("x'' = Piecewise((x, x > 0))", ["the cases do not say what holds elsewhere: end with (value, True), or"]),
+        ("x'' = Piecewise((x, 0 < x < l), (0, x > l))", ["the cases do not say what holds elsewhere"]),
+        ("x'' = Piecewise((x, x > 0 and), (0, True))", ["column 30: a value is missing before ')'"]),
+        ("x'' = Piecewise((x, theta), (0, True))", ["column 26: '<' or '<=' or '>' or '>=' is expected"]),
     ],
 )
 def test_refusals_have_all_faults_with_their_places(text: str, parts: list[str]) -> None:
@@ -168,7 +172,7 @@ PIECES = (
     *("\\frac", "\\dot", "{", "}", "(", ")", "'", "^", "_", "\\", "&", "\\\\", "\n", "=", "sin", "cos^2", "θ", "̈", "½"),
     *("√", "|", "d", "dt", "/", "9" * 50, "__import__('os')", "lambda", "if", ":", ";", "\x00", "\u202e", "0**0"),
     *("9**9**9**9", "1/0", "exp(exp(exp(9)))", "mgl", "⁻¹", "\\mathrm{a b}", "(" * 50, "{" * 300, "sin " * 30),
-    *("x", "''"),
+    *("x", "''", "x'' = Piecewise((", ", ", "), (", ", True))", " and ", " or ", "not ", "And(", "<", ">=", "&", "||"),
 )
 
 
@@ -206,6 +210,11 @@ ENDLESS = {
     "dots": (r"\dot{" * 900 + "x" + "}" * 900, "a prime, a dot or an exponent has no symbol"),
     "brackets": ("x = " + "(" * 1000 + "x" + ")" * 1000, "more than 40 brackets, functions or exponents"),
     "derivatives": ("diff(" * 600 + "x" + ", t)" * 600, "'diff' is not a symbol"),
+    "conditions": ("x'' = Piecewise((" + "(" * 900 + "x < l" + ")" * 900 + ", x))", "more than 40 brackets"),
+    "comparisons": ("x'' = Piecewise((x, " + "x < l and " * 9 + "x < l), (0, True))", "more than 8 comparisons"),
+    "opposites": ("x'' = Piecewise((x, not (" + "x < l < m or " * 3 + "m < x < M)), (0, True))", "more than 8 compar"),
+    "cases": ("x'' = Piecewise(" + "(x, x < l and m < M), " * 30 + "(0, True))", "the conditions are too long"),
+    "open cases": ("x'' = Piecewise(" + "(x, x < l < m), " * 30 + "(0, m > M))", "do not say what holds elsewhere"),
     "blanks": ("x" + " " * 50_000 + "x", "of an equation: shorten it"),
 }
 """Texts on which a reader without bounds does not end, or recurses too deeply, and a part of each refusal."""
