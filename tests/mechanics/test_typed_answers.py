@@ -195,3 +195,25 @@ def test_a_high_power_of_a_sum_is_not_expanded() -> None:
     """The thousand terms of (x + g)**999, each evaluated alone, take two seconds."""
     power = (sp.Symbol("x") + sp.Symbol("g")) ** 999
     assert term_difference.expanded(power) == (power,)
+
+
+@pytest.mark.parametrize(
+    ("answer", "verdict"),
+    [
+        ("m x'' = Piecewise((-k x, 0 < x < d), (0, True))", "right"),
+        ("m x'' = Piecewise((0, x < 0 or x > d), (-k x, True))", "right"),
+        (r"m \ddot x = \begin{cases} 0 & x < 0 \\ -k x & 0 \le x \le d \\ 0 & x > d \end{cases}", "right"),
+        ("m x'' = Piecewise((k x, x > 0 and x < d), (0, True))", "has the wrong sign: it should be -Piecewise((k*x"),
+        ("m x'' = Piecewise((-3 k x, x > 0 and x < d), (0, True))", "has the wrong factor: it is 3 times what it"),
+        ("m x'' = Piecewise((-k x, x > 0), (0, True))", "Piecewise((-k*x, x > 0), (0, True)) is wrong: it should be"),
+        ("m x'' = -k x", "the term -k*x is wrong: it should be Piecewise((-k*x, (d > x) and (x > 0)), (0, True))"),
+        ("m x'' = 0", "the term -Piecewise((-k*x, (d > x) and (x > 0)), (0, True)) is missing"),
+        ("m x'' = -k sqrt(-1 - x^2)", "the term -k*sqrt(-x**2 - 1) has no value at some states: square root of a neg"),
+    ],
+)
+def test_a_force_of_one_range_is_graded(answer: str, verdict: str) -> None:
+    """The force is zero at some of the tried states; the wrong term is named all the same."""
+    x, (m, k, d) = lg.coordinate("x"), lg.parameters("m k d")
+    force = sp.Piecewise((-k * x, (x > 0) & (x < d)), (0, True))
+    result = lg.System(m * x.dot**2 / 2, 0, forces={x: force}).compare(answer)
+    assert bool(result) == (verdict == "right") and verdict in result.message

@@ -347,8 +347,9 @@ class _Search:
     def _changes(self) -> Iterator[tuple[Sum, Numbers]]:
         """Yield each sum whose change can make the equation right, with the necessary change at each sample.
 
-        As a function of the sum, the residual is a quotient of two linear functions. Its values for the sum itself,
-        twice and four times the sum determine it. Decimals times powers of two are exact.
+        A whole side changes by the residual. As a function of any other sum, the residual is a quotient of two linear
+        functions. Its values for the sum itself, twice and four times the sum determine it. Decimals times powers of
+        two are exact.
         """
         left, right = self.row.sides
         zeros = [left - right]
@@ -362,6 +363,9 @@ class _Search:
         for k, (total, whole) in enumerate(zip(self.sums, wholes, strict=True)):
             if total.whole == 0:
                 continue
+            if not total.path:
+                yield total, [x if total.side else -x for x in residual]
+                continue
             twice, fourfold = varied[2 * k : 2 * k + 2]
             steps = [_root(*triple) for triple in zip(residual, twice, fourfold, strict=True)]
             if None not in steps:
@@ -372,13 +376,11 @@ class _Search:
 
         `value` are the values of the term at the samples.
         """
-        if not all(value):
-            return
         required = [a + b for a, b in zip(value, changes, strict=True)]
-        if all(abs(x) <= NONE * abs(a) for x, a in zip(required, value, strict=True)):
+        if max(map(abs, required)) <= NONE * max(map(abs, value)):
             yield LEFT_OUT, Difference("extra", term, sympy.S.Zero)
             return
-        for cost, number, factor in self.multiples([x / a for x, a in zip(required, value, strict=True)]):
+        for cost, number, factor in self._quotients(required, value):
             right = (term if number == 1 else scaled_by(number, term)) * factor
             decimal, rest = right.as_coeff_Mul()
             if decimal.is_Float:
@@ -400,10 +402,22 @@ class _Search:
     def _among_models(self, values: Numbers) -> Iterator[tuple[float, Any]]:
         """Yield (cost, term) for multiples of right terms that equal `values` at all samples."""
         for model, line in zip(self.models, self.model_values, strict=True):
-            if all(line):
-                for cost, number, factor in self.multiples([x / y for x, y in zip(values, line, strict=True)]):
-                    plain = 0 if abs(number) == 1 else 0.3
-                    yield MISSED + cost + plain, number * model * factor
+            for cost, number, factor in self._quotients(values, line):
+                plain = 0 if abs(number) == 1 else 0.3
+                yield MISSED + cost + plain, number * model * factor
+
+    def _quotients(self, values: Numbers, divisors: Numbers) -> Iterator[tuple[float, Any, Any]]:
+        """Yield (cost, number, product of powers) if number times product times the divisors has the given values.
+
+        Where divisors are zero, as on one side of a switch, the values must be zero. Only numbers are tried then.
+        """
+        ratios = [x / y for x, y in zip(values, divisors, strict=True) if y]
+        if len(ratios) == len(values):
+            yield from self.multiples(ratios)
+        elif ratios and all(y or abs(x) <= NONE * max(map(abs, values)) for x, y in zip(values, divisors, strict=True)):
+            number = constant_of(ratios)
+            if number:
+                yield 0.0, sympy.Rational(number), sympy.S.One
 
     def _cost_of_typed(self, total: Sum, term: Any) -> float:
         """Return the additional cost of a change of `term` in the sum `total`, by its place in the equation.

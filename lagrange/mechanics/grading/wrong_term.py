@@ -85,8 +85,19 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
         listed = [f"{c.name}, {write(c.expression.xreplace(row.statement.plain))} = 0" for c in constraints]
         which = "the constraint is" if len(listed) == 1 else "the constraints are"
         return WrongTerm(f"{label} does not hold and is not a constraint: {which} {listing(listed)}.")
-    several = _several_wrong_terms(row, derivation, samples, write)
+    several = _undefined_term(row, samples, write) or _several_wrong_terms(row, derivation, samples, write)
     return WrongTerm(several or f"{label} does not hold, and none of its terms is in an equation of motion.")
+
+
+def _undefined_term(row: EquationRow, samples: Sequence[MotionSample], write: Write) -> str:
+    """Return a sentence on a term without a value at a state, such as the root of a negative number; else ""."""
+    for side in row.sides:
+        for term in sympy.Add.make_args(side):
+            try:
+                evaluated([term], row, samples)
+            except OutsideDomain as error:
+                return f"{_place_of('', row)} the term {write(term)} has no value at some states: {error}."
+    return ""
 
 
 def _several_wrong_terms(
@@ -138,7 +149,9 @@ def _compared(
     anchors = typed[:1] if row.sides[0] in row.slopes else typed  # the left side of a solved equation is right
     for (i, term), (j, correct) in product(enumerate(anchors), enumerate(right)):
         factor = term / correct
-        if not factor.has(*row.slopes) and all(expected[j]):
+        if factor in (1, -1):  # also of terms that are zero at some states, as on one side of a switch
+            yield factor, *_unmatched(values, [[int(factor) * x for x in line] for line in expected])
+        elif not factor.has(*row.slopes) and all(expected[j]):
             scale = [a / b for a, b in zip(values[i], expected[j], strict=True)]
             yield factor, *_unmatched(values, [[c * x for c, x in zip(scale, line, strict=True)] for line in expected])
 
