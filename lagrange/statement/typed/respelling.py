@@ -47,7 +47,7 @@ def _cases(match: re.Match[str]) -> str:
         (r"[,;.\s]*(?:\\\\\s*)?$", ""),
         (r"[,;.\s]*\\\\(?:\[[^\]\n]*\]|\s|(?![A-Za-z]))", ROW),
     ):
-        rows = re.sub(pattern, lambda words, mark=mark: mark.ljust(len(words.group())), rows)
+        rows = re.sub(pattern, partial(_written, spelling=mark), rows)
     begin, end = match.start(1) - match.start(), match.end() - match.end(1)
     return "Piecewise((".ljust(begin) + rows.replace("\n", " ") + "))".rjust(end)
 
@@ -62,7 +62,7 @@ def _conditions(match: re.Match[str]) -> str:
         ("<=", "≤"),  # A bracket with a sign of equality would be taken for a remark
         (">=", "≥"),
     ):
-        text = re.sub(pattern, lambda words, sign=sign: sign.ljust(len(words.group())), text)
+        text = re.sub(pattern, partial(_written, spelling=sign), text)
     return text
 
 
