@@ -217,3 +217,12 @@ def test_a_force_of_one_range_is_graded(answer: str, verdict: str) -> None:
     force = sp.Piecewise((-k * x, (x > 0) & (x < d)), (0, True))
     result = lg.System(m * x.dot**2 / 2, 0, forces={x: force}).compare(answer)
     assert bool(result) == (verdict == "right") and verdict in result.message
+
+
+def test_a_term_is_not_corrected_to_an_identity() -> None:
+    """Without its acceleration the equation has no right term but the others, in any form."""
+    answer = (
+        "m R^2 Omega^2 sin(theta) cos(theta) - m g R sin(theta) cos(tilt) + m g R sin(tilt) cos(theta) cos(Omega t) = 0"
+    )
+    message = shared_scene("bead-on-hoop").compare(answer).message
+    assert message.endswith("contains no acceleration such as theta'' or theta_ddot: it is not an equation of motion.")

@@ -150,7 +150,9 @@ def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) ->
     The result is also True if coefficients of either equation have no value at the sample.
     """
     if not any(row.slopes.values()):
-        return bool(sympy.expand(corrected.zero) == 0)
+        # Without constraints, what holds at all states and has no acceleration is an identity.
+        free = not (row.statement.constraints or sample.first_order or any(corrected.slopes.values()))
+        return bool(free or sympy.expand(corrected.zero) == 0)
     with suppress(OutsideDomain):
         slopes, stated = (each.numbers(sample) for each in (corrected, row))
         return bool(max(map(abs, slopes)) <= NONE * max(map(abs, stated)))
