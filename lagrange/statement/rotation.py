@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from sympy.core.function import AppliedUndef
 from sympy.matrices.expressions.matexpr import MatrixElement
 
-from lagrange.errors import StatementError, listing, shown
+from lagrange.errors import StatementError, listing, located, shown
 from lagrange.statement.coordinate import (
     COORDINATES,
     RATE,
@@ -301,6 +301,7 @@ A long run at loose tolerances ends with a deviation of 1e-5.
 """
 
 
+@located("initial")
 def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
     """Raise StatementError for a quaternion whose length is not one, or whose velocity changes its length.
 

@@ -167,6 +167,9 @@ def test_a_scene_names_entries_and_rates(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text(SCENE.replace('["R"]', '["R", "R"]'))
     with pytest.raises(lg.SceneError, match=r"rotations names 'R' twice"):
         lg.System.from_scene(tmp_path / "bad.toml")
+    (tmp_path / "bad.toml").write_text(SCENE + "R_w = 0.8\n")
+    with pytest.raises(lg.SceneError, match=r"bad\.toml:9:2: the start of R is a quaternion of length 0\.8"):
+        lg.System.from_scene(tmp_path / "bad.toml")
 
 
 def anything(value: Any) -> Any:
