@@ -1,6 +1,6 @@
 """Conditions of typed cases: comparisons joined by "and", "or" and "not", and values that are taken under them.
 
-The strict notation has no such words: a value under a condition is written as values under single comparisons there.
+The notation of scene files has no such words: there a value under a condition is written as values under comparisons.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _TURNED = {">": "<", ">=": "<="}
 
 
 class Comparison(NamedTuple):
-    """A comparison of two expressions in the strict notation. `sign` is one of <, <=, > and >=."""
+    """A comparison of two expressions in the notation of scene files. `sign` is one of <, <=, > and >=."""
 
     left: str
     sign: str
@@ -49,7 +49,7 @@ class Condition:
         return Condition(tuple(product(*opposites)))
 
     def chosen(self, value: str, rest: str) -> str:
-        """Return the text in the strict notation for `value` where the condition holds, and `rest` elsewhere."""
+        """Return the text in the notation of scene files for `value` where the condition holds, and `rest` elsewhere."""
         for alternative in reversed(self.alternatives):
             inside = value
             for k, comparison in enumerate(_chained(alternative)):
