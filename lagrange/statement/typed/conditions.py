@@ -49,7 +49,7 @@ class Condition:
         return Condition(tuple(product(*opposites)))
 
     def chosen(self, value: str, rest: str) -> str:
-        """Return the text in the notation of scene files for `value` where the condition holds, and `rest` elsewhere."""
+        """Return the text, as in scene files, for `value` where the condition holds, and `rest` elsewhere."""
         for alternative in reversed(self.alternatives):
             inside = value
             for k, comparison in enumerate(_chained(alternative)):
