@@ -327,7 +327,6 @@ def test_a_reader_who_goes_away_is_told_by_the_exit_code_alone(arguments: tuple[
         assert printing_to(broken, *arguments) == (141, "")
 
 
-@pytest.mark.few(2)
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
 @pytest.mark.parametrize(
     ("before", "reason"),

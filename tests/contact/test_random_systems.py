@@ -29,7 +29,6 @@ def test_bodies_do_not_overlap_and_energy_goes_where_it_is_booked(seed: int) -> 
     assert not broken_laws(drawn.system, run, driven=drawn.driven)
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 @pytest.mark.parametrize("seed", [50_005, 50_008, 50_014, 50_025, 50_030, 50_044])
 def test_the_laws_hold_to_the_default_tolerance(method: str, seed: int) -> None:

@@ -39,7 +39,6 @@ def kepler_state(r: float, v: float, end: float) -> list[float]:
         return [float(axis * (mpmath.cos(low) - e)), float(axis * mpmath.sqrt(1 - e * e) * mpmath.sin(low))]
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("e", "allowed"), [(0.99, 1e-8), (0.9999, 1e-6)])
 def test_an_orbit_that_is_nearly_a_fall(method: str, e: float, allowed: float) -> None:
@@ -130,7 +129,6 @@ def test_a_lower_bob_that_weighs_nothing_is_not_felt(method: str) -> None:
     assert run["theta1"][-1] == pytest.approx(alone, abs=1e-9)
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("turn", [1e-3, 1e-6])
 def test_a_spherical_pendulum_passes_its_pole(method: str, turn: float) -> None:

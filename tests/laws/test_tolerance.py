@@ -72,7 +72,6 @@ def test_the_reference_agrees_with_another_method(name: str) -> None:
     assert (np.abs(other - last) / size).max() < 100 * 1e-13 * growth
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 @pytest.mark.parametrize("name", [*SCENES, *MODELS])
 def test_the_error_is_within_the_tolerance(name: str, tolerance: float) -> None:

@@ -55,7 +55,6 @@ def states(model: Model, count: int) -> tuple[Any, Any]:
     return y[model.layout.q], y[model.layout.v]
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("name", CASES)
 def test_accelerations_and_multipliers_are_those_of_the_whole_system(name: str, target: str) -> None:

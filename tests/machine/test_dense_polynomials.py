@@ -73,7 +73,6 @@ def test_a_path_of_stages_is_the_formula_of_its_tableau(target: str) -> None:
         assert result == pytest.approx(states[3] + h * share @ slopes, abs=1e-12)
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_one_step_gets_does_not_depend_on_the_steps_of_its_block(kind: str, target: str) -> None:
@@ -96,7 +95,6 @@ def test_accepted_states_are_exact_forwards_and_back(kind: str, target: str) -> 
         assert (out[1:] == np.repeat(rows, 3, axis=0).T).all()
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize("target", TARGETS)
 def test_each_time_is_evaluated_on_its_step(target: str, direction: float) -> None:
@@ -143,7 +141,6 @@ def test_a_step_into_a_singular_configuration_is_a_parabola_and_the_others_keep_
     assert (dense.coefficients(times[:3], states[:3], np.arange(2)) == c[:, :, :2]).all()
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("stages", POINTS)
 def test_the_stages_of_a_step_alone_solve_their_equations(stages: int, target: str) -> None:
@@ -174,7 +171,6 @@ def test_inverses_of_many_matrices_are_those_of_each() -> None:
     assert not np.isfinite(result[2]).all()
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("order", [4, 11, 20])
 @pytest.mark.parametrize("span", [0.3, -0.7, 1e-5, 3.0])

@@ -69,7 +69,6 @@ def backward_error(a: Any, x: Any, b: Any) -> float:
     return float(np.max(np.abs(a @ x - b) / (np.abs(a) @ np.abs(x) + np.abs(b))))
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("where", ["state", "parameters"])
 @pytest.mark.parametrize("kind", REGULAR, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("target", TARGETS)
@@ -102,7 +101,6 @@ def test_columns_of_mixed_kinds(target: str, where: str) -> None:
                     assert all((x[:, k] == solve(target, a, b[:, k])).all() for k, a in enumerate(matrices)), (n, width)
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("where", ["state", "parameters"])
 @pytest.mark.parametrize("kind", SINGULAR, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("target", TARGETS)
@@ -162,7 +160,6 @@ def test_a_call_leaves_nothing_behind(target: str) -> None:
         assert (solve(target, many, columns) == before).all()
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("where", ["state", "parameters"])
 @pytest.mark.parametrize("target", TARGETS)
 def test_one_factorization_serves_several_right_hand_sides(target: str, where: str) -> None:

@@ -84,7 +84,6 @@ def alone(procedure: Procedure, member: Any) -> list[Any]:
     return [bits(item) for item in (*plain, *map(float, data[:SIZE]), kept.x, kept.count)]
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("lanes", [2, 4, 8])
 @pytest.mark.parametrize("seed", range(60))
 def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int, tmp_path: Path) -> None:

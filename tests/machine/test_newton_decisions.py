@@ -329,7 +329,6 @@ class Steps:
 CASES = [(name, constrained) for name in EVERY for constrained in (False, True)[: 1 + (name in CONSTRAINED)]]
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("n", [3, 5])
 @pytest.mark.parametrize(("name", "constrained"), CASES)

@@ -53,7 +53,6 @@ SYSTEMS = {
 QUANTITIES = ("rhs", "jacobian", "energy", "momenta", "mass_matrix")
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("quantity", QUANTITIES)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_printed_and_interpreted_are_the_same(name: str, quantity: str) -> None:

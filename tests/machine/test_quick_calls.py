@@ -182,7 +182,6 @@ def calls(model: lg.Model, q: Any, v: Any) -> list[Callable[[], Any]]:
     ]
 
 
-@pytest.mark.few(2)
 @pytest.mark.usefixtures("errors")
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("name", SYSTEMS)

@@ -86,7 +86,6 @@ def assert_same_rows(kernel: CompiledJet, order: int, t: float, state: Any, give
     assert np.isfinite(theirs).all() and (np.abs(ours - theirs) / top).max() < 1e-11
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", ALL)
 def test_written_out(name: str, lanes: int) -> None:
@@ -99,7 +98,6 @@ def test_written_out(name: str, lanes: int) -> None:
         )
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", ALL)
 def test_in_loops(name: str, lanes: int) -> None:
@@ -217,7 +215,6 @@ def written(name: str, order: int) -> int:
     return len(re.findall(r" f(?:add|sub|mul|div) |@llvm\.fma", jet))
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("order", [8, 16])
 @pytest.mark.parametrize("name", NAMES)
 def test_operations_are_those_of_the_code(name: str, order: int) -> None:

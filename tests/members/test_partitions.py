@@ -142,7 +142,6 @@ def same(
         assert given[name].tobytes() == rows.tobytes(), name
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("partition", PARTITIONS)
 def test_a_partition(partition: str, method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -123,7 +123,6 @@ def told(machine: Any, c: Any, s: float, sign: int, noise: float) -> tuple[int, 
     return answer, s * float(machine.called(only_passage.form())(terms, slopes, sums, order, answer))
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("machine", MACHINES, ids=("llvm", "numpy"))
 @pytest.mark.parametrize("seed", range(2))
 def test_the_only_zero_is_the_one_that_isolation_finds(machine: Any, seed: int) -> None:

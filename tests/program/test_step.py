@@ -212,7 +212,6 @@ def displaced(seed: int, size: float) -> FloatArray:
     return y + size * np.random.default_rng(seed).normal(size=len(y))
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_is_left_is_the_square_of_the_violation(seed: int, target: str) -> None:

@@ -171,7 +171,6 @@ def test_a_singular_mass_matrix_is_nan_throughout_and_told(n: int, package: str,
     assert np.isnan(np.asarray(by(package, of)(0.0, degenerate, of.parameter_array()))).all()
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("package", [CASADI, JAX])
 @pytest.mark.parametrize("n", [2, 3, 6])
 def test_a_matrix_that_is_not_finite_is_not_singular(n: int, package: str) -> None:

@@ -139,7 +139,6 @@ def test_a_series_goes_through(name: str, target: str) -> None:
     assert middle[1:, 1:-1] == pytest.approx(np.gradient(middle[0], END / 199)[None, 1:-1], abs=0.05)
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("method", ["dopri5", "dop853", "radau5", "gauss2", "velocity-verlet", "scipy-lsoda"])
 def test_every_other_method_goes_through(name: str, method: str) -> None:

@@ -107,7 +107,6 @@ def test_random_mechanisms_stay_on_their_constraints(seed: int, target: str) -> 
         assert solution.constraint_error.max() < ROUNDED
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["rk4", "bs3", "dopri5", "tsit5", "verner9", "dop853"])
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_each_step_is_that_of_the_method_from_the_projected_state_and_then_projected(name: str, target: str) -> None:
@@ -161,7 +160,6 @@ def test_equations_of_first_order_are_refused_as_such(name: str, words: str) -> 
     assert np.hypot(*solution.y[:2]) == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "bs3", "verner9", "radau3", "radau5", "radau5-index2"])
 def test_a_change_that_a_step_passes_over_is_no_error_to_be_projected_away(method: str, target: str) -> None:
@@ -278,7 +276,6 @@ ALONE = pendulum({"rod": ROD})
 TWICE = pendulum({"rod": ROD, "twice": 2 * ROD, "rate": x * x.dot + y * y.dot}, redundant="allow")
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_the_motion_is_that_of_independent_constraints(method: str, target: str) -> None:

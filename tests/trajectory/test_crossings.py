@@ -40,7 +40,6 @@ def told(solution: lg.Solution) -> None:
     assert solution.energy[-1] == pytest.approx(solution.energy[0], rel=1e-5)
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "verner9", "radau5"])
 @pytest.mark.parametrize("options", [{}, {"t_eval": np.linspace(0.0, 3.0, 301)}])
 def test_no_method_goes_on_as_another_motion(method: str, options: dict[str, Any]) -> None:
@@ -65,7 +64,6 @@ def reduced() -> lg.Solution:
 METHODS = [name for name in (*ADAPTIVE, *OUTSIDE) if name not in ("scipy-rk23", "scipy-rk45", "scipy-bdf")]
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("rtol", [1e-8, 1e-12])
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_with_error_control_follows_the_reduced_motion_or_ends_at_a_crossing(
@@ -180,7 +178,6 @@ ENDED = {
 """All reach their place at t = 1."""
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("method", STOPPED_METHODS)
 @pytest.mark.parametrize("kind", ENDED)
 def test_a_run_ends_where_a_constraint_jumps_or_has_a_corner(kind: str, method: str) -> None:
@@ -195,7 +192,6 @@ def test_a_run_ends_where_a_constraint_jumps_or_has_a_corner(kind: str, method: 
     assert np.abs(run.at(run.t[-1]) - run.y[:, -1]).max() < 1e-9
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("method", STOPPED_METHODS)
 @pytest.mark.parametrize(
     ("wire", "wall"), [(x * Abs(x), 1.0), (Piecewise((x**2, x > 0), (0, True)), 0.0)], ids=["cubic", "flat"]

@@ -75,7 +75,6 @@ def test_the_count_is_honest(name: str, monkeypatch: pytest.MonkeyPatch) -> None
 # --- time -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_backward_is_forward_in_a_mirror(name: str, target: str) -> None:
@@ -90,7 +89,6 @@ def test_backward_is_forward_in_a_mirror(name: str, target: str) -> None:
     assert back.span == (0.0, -1.0) and back.t[-1] == -1.0
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("direction", [1, -1])
 def test_equal_steps_are_a_grid_that_ends_at_the_end(target: str, direction: int) -> None:
@@ -104,7 +102,6 @@ def test_equal_steps_are_a_grid_that_ends_at_the_end(target: str, direction: int
     assert many.steps == 3_000 and np.abs(np.diff(many.t) * direction - 1e-4).max() < 1e-15
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_of_no_length(name: str, target: str) -> None:
@@ -250,7 +247,6 @@ def test_an_end_beyond_all_steps_is_refused_at_the_pace_of_the_first(method: str
 SLOW = "thousands of interpreted Newton steps, the same as on llvm"
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_max_steps(name: str, target: str) -> None:

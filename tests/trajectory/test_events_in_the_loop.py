@@ -186,7 +186,6 @@ def test_an_event_on_a_surface_counts_in_its_direction() -> None:
         assert min(expected) >= 3 and list(map(len, there.t_events))[:2] == expected
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("where", [(Occurrences, "extend"), (EventMemory, "forget")])
 @pytest.mark.parametrize("late", [False, True])
 def test_an_interruption_while_events_are_taken_over_neither_loses_nor_repeats_any(
@@ -224,7 +223,6 @@ STARTS = {
 }
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("case", STARTS)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("end", [7.0, -7.0])
@@ -243,7 +241,6 @@ def test_events_that_are_zero_at_the_start(case: str, target: str, end: float, m
     assert_same(ours, run(compiled, end, "taylor", events=events))
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("change", [{}, {"reset": {x.dot: -x.dot}}, {"terminal": 1}])
 @pytest.mark.parametrize("target", LLVM_FIRST)
 def test_events_on_a_step_that_its_defect_refuses_have_not_happened(

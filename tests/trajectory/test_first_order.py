@@ -27,7 +27,6 @@ def charge(**options: Any) -> lg.System:
     )
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", LLVM_FIRST)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_charge_without_mass_goes_round_its_bowl(method: str, target: str) -> None:

@@ -40,7 +40,6 @@ TWINS = {
 }
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("system", ["Henon-Heiles", "coupled masses", "saddle"])
 @pytest.mark.parametrize("name", TWINS)
 def test_with_a_constant_mass_matrix_a_variational_method_is_a_known_one(name: str, system: str) -> None:
@@ -53,7 +52,6 @@ def test_with_a_constant_mass_matrix_a_variational_method_is_a_known_one(name: s
 # --- claims ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("system", ["pendulum", "double pendulum", "elastic pendulum", "Henon-Heiles"])
 @pytest.mark.parametrize("name", EQUAL)
 def test_what_claims_to_conserve_energy_does_and_the_rest_does_not(name: str, system: str) -> None:
@@ -95,7 +93,6 @@ def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str
 # --- the cost -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("step", [1e-3, 1e-2])
 @pytest.mark.parametrize("name", SLOPES)
@@ -147,7 +144,6 @@ def test_a_step_without_a_solution_is_told(target: str) -> None:
     assert result.message.endswith("smooth the jump, such as by tanh(v/0.001).")
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", EQUAL)
 def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
@@ -167,7 +163,6 @@ def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
         assert 0.9 * end <= result.t[-1] <= end and np.abs(result.y).max() < 3e6
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", EQUAL)
 @pytest.mark.parametrize("size", [100.0, 1000.0])
@@ -180,7 +175,6 @@ def test_a_law_that_rounds_more_than_its_terms_show(size: float, name: str, targ
     assert result.y[0, -1] == pytest.approx(fine.y[0, -1], abs=0.5 if name == "backward-euler" else 1e-3)
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", IMPLICIT)
 def test_a_mass_matrix_that_becomes_singular_is_told(name: str, target: str) -> None:

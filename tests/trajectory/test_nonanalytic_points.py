@@ -203,7 +203,6 @@ def test_a_force_jumps_where_the_angle_does(law: Any, start: list[float], end: f
         assert back.y[:, -1] == pytest.approx(start, abs=1e-8)
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize(("speed", "angle"), [(1.0, math.pi), (-1.0, -math.pi)])
 @pytest.mark.parametrize("height", [0.0, -0.0])
 def test_a_start_on_the_cut(speed: float, angle: float, height: float) -> None:

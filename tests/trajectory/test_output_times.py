@@ -36,7 +36,6 @@ def options(name: str, step: float = 0.1) -> dict[str, Any]:
     return {"step": step} if name in FIXED else {}
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("end", [2.0, -2.0])
@@ -75,7 +74,6 @@ def few_bytes(count: int) -> int:
     return 8 * 5 * count + 3000
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", OURS)
 @pytest.mark.parametrize("end", [30.0, -30.0])
@@ -322,7 +320,6 @@ def test_the_path_goes_through_every_step_and_is_continuous(name: str, target: s
     assert np.abs(near[0] - near[1]).max() < 10 * path_round_off(name)
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_is_put_out_beyond_the_last_accepted_step(name: str, target: str) -> None:

@@ -32,7 +32,6 @@ from tests.trajectory.runs import FIXED, NAMES, run, same
 STARTS = ({"x": 0.1, "y_dot": 0.2}, {"x": -0.2, "y": 0.1, "x_dot": 0.3})
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_is_that_of_a_model_that_has_kept_nothing(name: str, target: str) -> None:
@@ -253,7 +252,6 @@ MOST_GROWTH = 10.0
 """Step control lets a step grow by this factor at most, whatever its error."""
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-11])
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SCENES)
@@ -317,7 +315,6 @@ def test_a_watched_run_is_that_of_a_model_that_has_kept_nothing(
         )
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("events", WATCHED)
 @pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2"])
 def test_threads_share_a_model(name: str, events: str) -> None:

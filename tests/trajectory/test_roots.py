@@ -210,7 +210,6 @@ def edges_about(rng: np.random.Generator, places: Sequence[float], low: float, h
     return sorted({t for t in joints if low <= t <= high})
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("grid", [True, False])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_run_reports_each_root_of_the_sine_once(seed: int, grid: bool, share: Share) -> None:

@@ -233,7 +233,6 @@ def test_an_absolute_tolerance_that_leaves_an_entry_few_digits_is_spoken_of() ->
 theta = lg.coordinate("theta")
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5", "rk4"])
 @pytest.mark.parametrize("damping", [0, 1])
 def test_a_pendulum_that_no_step_moves_is_unreliable(method: str, damping: int) -> None:

@@ -178,7 +178,6 @@ OTHERS = [
 ]
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("method", ["taylor", "dop853", *OTHERS])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed != 2)) for seed in range(6)])

@@ -82,7 +82,6 @@ def test_directions_starts_and_ends(name: str, target: str) -> None:
     assert result.y_events[2][0] == pytest.approx([1.0, 1.0], rel=1e-13) and result.status is Status.SUCCESS
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["taylor", *STEPPED, *OUTSIDE])
 @pytest.mark.parametrize(("terminal", "direction", "turns"), [(True, 0, 1), (1, -1, 1), (2, 1, 4), (3, 0, 3)])
 def test_a_terminal_event_ends_the_run(terminal: int, direction: int, turns: int, name: str) -> None:
@@ -190,7 +189,6 @@ def test_resets_that_lead_nowhere(name: str) -> None:
     assert outside.t[-1] == outside.t_events[0][0] and outside.y[0, -1] == 2
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["taylor", "rk4", "dop853", *OUTSIDE])
 @pytest.mark.parametrize(
     ("options", "status"), [({"max_steps": 300}, Status.MAX_STEPS), ({"max_wall": 0.03}, Status.MAX_WALL)]

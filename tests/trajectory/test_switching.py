@@ -33,7 +33,6 @@ STOPS = 50 * Max(0, x - 1) ** 2 + 50 * Min(0, x + 1) ** 2
 """Free between -1 and 1, where springs of frequency 10 begin."""
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("potential", "start", "period"),
     [
@@ -128,7 +127,6 @@ INERTIAS = {
 }
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("order", [20, 30, 31, 64])
 @pytest.mark.parametrize("name", INERTIAS)
 @pytest.mark.parametrize("target", TARGETS)
@@ -190,7 +188,6 @@ def model(force: str) -> Any:
     return system.compile()
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("span", SPANS)
 @pytest.mark.parametrize("force", FORCES)
 def test_no_step_has_a_switch_inside(force: str, span: tuple[float, float]) -> None:

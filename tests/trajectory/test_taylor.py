@@ -104,7 +104,6 @@ def test_a_rock_without_air(end: float, target: str) -> None:
 STOPPED = (Status.STEP_TOO_SMALL, Status.NON_FINITE)
 
 
-@pytest.mark.few(2)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize(("start", "after"), [(0.0, 0.1), (7.0, 1e-100), (7.08, 1e-100)])
 def test_coefficients_that_overflow(start: float, after: float, target: str) -> None:
