@@ -1,4 +1,4 @@
-"""Phase portraits: separatrices against closed forms, kinds of equilibria, zero lines to rounding, closed orbits."""
+"""Phase portraits: separatrices, kinds of equilibria, zero lines to rounding, closed orbits, angles."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import ellipk
-from sympy import Eq, cos, pi, sign
+from sympy import Eq, cos, pi, sign, sin
 
 import lagrange as lg
 from lagrange.dynamics import section
+from lagrange.dynamics.axes import angles
 from lagrange.dynamics.orbits import CLOSED, LINEAR_ERROR
 from lagrange.dynamics.runs import Runs
 from lagrange.dynamics.section import EnergyLevel
@@ -336,3 +337,28 @@ def test_ctrl_c_keeps_the_orbits_that_are_there(monkeypatch: pytest.MonkeyPatch)
 def test_sections_that_cannot_be_meant_are_refused(system: Any, event: Any, more: dict[str, Any], says: str) -> None:
     with pytest.raises(StatementError, match=says):
         lg.poincare(system(), event, **more)
+
+
+# --- detection of angles among the coordinates, for pictures that wrap and for sliders of a full turn ----------
+
+
+q = lg.coordinate("q")
+free = (q.dot**2 + x.dot**2) / 2
+
+CASES: dict[str, tuple[dict[str, Any], tuple[bool, bool]]] = {
+    "a pendulum": ({"potential": -cos(q) + x**2}, (True, False)),
+    "one on a torsion spring": ({"potential": -cos(q) + q**2}, (False, False)),
+    "half an angle": ({"potential": -cos(q / 2)}, (False, False)),
+    "a free one that is seen to turn": ({"positions": {"tip": (x + cos(q), sin(q))}}, (True, False)),
+    "a free one": ({"positions": {"tip": (x, q)}}, (False, False)),
+    "a wheel that turns as it rolls": (
+        {"constraints": [x - q], "potential": x, "positions": {"tip": (x + cos(q), sin(q))}, "initial": {}},
+        (False, False),
+    ),
+}
+
+
+@pytest.mark.parametrize("what", CASES)
+def test_a_turn_of_an_angle_changes_nothing(what: str) -> None:
+    stated, result = CASES[what]
+    assert angles(lg.System(kinetic=free, coordinates=[q, x], **stated).statement) == result

@@ -27,7 +27,7 @@ from lagrange.statement.coordinate import acceleration_of, coordinate, parameter
 from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
 from tests.evidence import statements
-from tests.evidence.stand_in import Break, StandIn
+from tests.evidence.statements import Break, StandIn
 
 x, y = coordinate("x"), coordinate("y")
 m, k, c = parameters("m k c")

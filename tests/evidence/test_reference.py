@@ -25,7 +25,7 @@ from lagrange.statement.declare import declare
 from lagrange.statement.random_states import SAMPLE_KINDS, SamplePoint, Sampler
 from lagrange.statement.statement import Statement
 from tests.evidence import statements
-from tests.evidence.stand_in import Refusing, StandIn
+from tests.evidence.statements import Refusing, StandIn
 from tests.evidence.test_check import FAULTS
 
 x, y = coordinate("x"), coordinate("y")

@@ -21,7 +21,7 @@ from lagrange.statement.coordinate import coordinate, parameters
 from lagrange.statement.declare import declare
 from lagrange.statement.random_states import SAMPLE_KINDS, SampleKind, SamplePoint, Sampler, Scales, holds
 from tests.evidence import statements
-from tests.evidence.stand_in import StandIn
+from tests.evidence.statements import StandIn
 from tests.evidence.test_check import FAULTS
 
 x, y, z = (coordinate(name) for name in "xyz")

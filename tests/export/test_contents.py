@@ -1,14 +1,21 @@
-"""Contents of exported files: requested languages only, useful tests, comments for readers."""
+"""Contents of exported files: requested languages, awkward names, open inputs, useful tests, comments for readers."""
 
 from __future__ import annotations
 
+import ctypes
+import importlib.util
+import keyword
 import re
 import shutil
 import subprocess
 import sys
+import zipfile
+from collections.abc import Iterator, Sequence
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import cycle, islice
 from pathlib import Path
 from typing import Any, cast
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -17,11 +24,13 @@ from sympy import erf, sin, sqrt
 
 import lagrange as lg
 from lagrange.export.contents import contents_of, module_of, names_of
+from lagrange.export.languages import c, fortran, javascript, julia, octave, python, rust
 from lagrange.export.programs import evaluate
 from lagrange.export.straight_line import with_outputs
 from lagrange.export.target import REGISTERED, Target, find, register, target_names
-from tests.export.systems import named
+from tests.export.callers import named, run
 from tests.models import shared_scene
+from tests.statement.examples import VALUES, X, at, driven, theta, u
 
 LOADED = """
 import sys
@@ -300,3 +309,202 @@ def test_a_step_is_tested_elsewhere_where_there_is_no_motion_from_the_initial_st
     x, y = lg.coordinates("x y")
     kepler = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=-1 / sqrt(x**2 + y**2), name="kepler")
     assert kepler.export("c", tmp_path, ["rk4", "dop853"]).files
+
+
+# --- awkward names are allowed with every registered target ----------------------------------------------------
+
+
+STRICT = {
+    "cc -std=c99": "cc -std=c99 -Wall -Wextra -Wconversion -Werror",
+    "gfortran": "gfortran -Wall -Wextra -Werror",
+    "rustc": "rustc -D warnings",
+    "python": "python -W error",
+}
+"""What makes warnings errors, by how a command begins."""
+
+PACKAGES = {"jax": "jax", "casadi": "casadi"}
+"""What a target needs of Python, beside NumPy."""
+
+
+def missing(target: str, commands: Sequence[str] = ()) -> str:
+    """Return the reason why a target cannot be tested here, or an empty text."""
+    package = PACKAGES.get(target)
+    if package and importlib.util.find_spec(package) is None:
+        return f"{package} is not installed"
+    words = [command.split()[0] for command in commands]
+    return next((f"{word} is not installed" for word in words if not word.startswith("./") and not found(word)), "")
+
+
+def found(word: str) -> bool:
+    return word == "python" or shutil.which(word) is not None
+
+
+def strict(command: str) -> str:
+    """Return a command whose warnings are errors."""
+    plain = next((item for item in STRICT if command.startswith(f"{item} ")), "")
+    return command.replace(plain, STRICT[plain], 1) if plain else command
+
+
+def passes(target: str, system: lg.System, folder: Path) -> None:
+    """Export a system, and run its test without warnings."""
+    steps = ["rk4"] if "steps" in find(target).contents else []
+    made = system.export(target, folder, ["rhs", "energy", *steps])
+    why = missing(target, made.commands)
+    if why:
+        pytest.skip(why)
+    said = [run(strict(command), folder) for command in made.commands][-1]
+    assert re.search(r"(\d+) of \1 results are right\n$", said), said
+
+
+WORDS = (
+    *("x0", "x1", "x2", "lam1", "_t", "t_", "t1", "dt", "θ", "θ1", "theta", "ω2", "Ω", "ψ", "φ", "ε", "λ1", "Δ", "π1"),
+    *("a" * 63, "a" * 64, "b" * 62, "m", "M", "y", "Y", "p", "P", "out", "out_at", "q", "v", "h", "rhs", "energy"),
+    *("prepare", "main", "test", "results", "singular", "inf", "nan", "jnp", "ca", "jax", "np", "pi", "e", "j", "I"),
+    *("a1", "A1", "a_1", "a__1", "M_PI", "NULL", "errno", "stdin", "model", "equation", "der", "time", "parameter"),
+    *(f"{stem}{k}" for stem in ("x", "lam", "y", "p", "t", "s", "f", "r") for k in range(20)),
+    *keyword.kwlist,
+    *c.RESERVED,
+    *fortran.RESERVED,
+    *javascript.RESERVED,
+    *julia.RESERVED,
+    *octave.RESERVED,
+    *python.RESERVED,
+    *rust.RESERVED,
+)
+TITLES = ("while", "θ", "a" * 64, "end", "math", "numpy", "class", "program", "stdio", "Main", "x0", "lambda", "julia")
+AT_ONCE, COORDINATES = 250, 8
+
+
+def awkward() -> Iterator[str]:
+    """Return words, in several cases, as names of coordinates and parameters."""
+    cases = dict.fromkeys(item for word in WORDS for item in (word, word.capitalize(), word.upper()))
+    return (word for word in cases if accepted(word))
+
+
+def accepted(word: str) -> bool:
+    """Return True if a statement accepts a word as a name."""
+    try:
+        named([word], ["g"] if word != "g" else ["k"])
+    except lg.StatementError:
+        return False
+    return True
+
+
+def systems(at_once: int) -> Iterator[lg.System]:
+    """Yield systems with awkward names, all of which are used."""
+    words, titles = awkward(), cycle(TITLES)
+    while some := [*islice(words, at_once)]:
+        yield named(some[:COORDINATES], some[COORDINATES:], next(titles))
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize(
+    "target", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("fmu", "jax"))) for name in lg.targets()]
+)
+def test_awkward_names(target: str, tmp_path: Path) -> None:
+    passes(target, next(systems(60)), tmp_path)
+
+
+@pytest.mark.conformance
+@pytest.mark.parametrize("target", list(lg.targets()))
+def test_more_than_a_thousand_awkward_names(target: str, tmp_path: Path) -> None:
+    count = 0
+    for k, system in enumerate(systems(AT_ONCE)):
+        (tmp_path / str(k)).mkdir()
+        passes(target, system, tmp_path / str(k))
+        count += len(system.coordinates) + len(system.parameters)
+    assert count >= 1500
+
+
+# --- open inputs: entries of the parameters that may change along a motion, and inputs of FMUs -----------------
+
+
+STATE, TIME = [0.7, -1.3], 0.4
+
+
+@pytest.fixture(scope="module")
+def expected() -> list[float]:
+    """Return the right-hand side at a state for values of the inputs."""
+    result: list[float] = driven().substitute(VALUES).compile("numpy").rhs(TIME, STATE).tolist()
+    return result
+
+
+@pytest.mark.parametrize("target", [target for target in lg.targets() if target != "fmu"])
+def test_every_target_takes_inputs(target: str, tmp_path: Path) -> None:
+    made = driven().export(target, tmp_path, ["rhs"], parameters=at(TIME))
+    texts = [path.read_text() for path in made.files]
+    assert any("inputs: X, X_dot, X_ddot, u:" in text for text in texts)
+    if target == "modelica":
+        assert any("  input Real u(start = " in text for text in texts)
+
+
+def test_an_input_is_written_into_what_was_prepared(tmp_path: Path, expected: list[float]) -> None:
+    driven().export("c", tmp_path, ["rhs"])
+    command = ["cc", "-shared", "-fPIC", "-O1", "-o", "driven.so", "driven.c", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    library = ctypes.CDLL(str(tmp_path / "driven.so"))
+    prepared, out = (ctypes.c_double * 100)(), (ctypes.c_double * 2)()
+    assert library.driven_prepare((ctypes.c_double * 7)(1.5, 9.81, 2.0), prepared) == 0
+    prepared[3:7] = list(at(TIME).values())
+    assert library.driven_rhs(ctypes.c_double(TIME), (ctypes.c_double * 2)(*STATE), prepared, out) == 0
+    np.testing.assert_allclose(list(out), expected, rtol=1e-13)
+
+
+def test_an_fmu_has_variables_of_causality_input(tmp_path: Path) -> None:
+    made = driven().export("fmu", tmp_path, ["rhs", "jacobian"])
+    for path in made.files:
+        with zipfile.ZipFile(path) as packed:
+            root = ElementTree.fromstring(packed.read("modelDescription.xml"))
+        scalars = [*root.iter("ScalarVariable"), *root.iter("Float64")]
+        inputs = [item for item in scalars if item.get("causality") == "input"]
+        assert [item.get("name") for item in inputs] == ["X", "X_dot", "X_ddot", "u"]
+        assert {item.get("variability") for item in inputs} == {"continuous"}
+        assert {item.get("initial") for item in inputs} == {None}
+        exchange = root.find("ModelExchange")
+        assert exchange is not None
+        key = "providesDirectionalDerivative" + "s" * ("fmi3" in path.name)
+        assert exchange.get(key) == "false"
+
+
+def test_a_series_of_an_open_input_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(lg.StatementError, match="taylor needs every derivative of X and u, which has no formula"):
+        driven().export("c", tmp_path, ["taylor"])
+
+
+@pytest.mark.slow
+def test_casadi_and_jax_take_inputs_in_the_parameters(expected: list[float]) -> None:
+    model = driven().compile("numpy")
+    p = model.parameter_array(at(TIME))
+    casadi = pytest.importorskip("casadi", reason="CasADi is not installed")
+    rhs, symbol = model.as_casadi("rhs"), casadi.SX.sym("p", 7)
+    np.testing.assert_allclose(rhs(TIME, STATE, p.tolist()).full().ravel(), expected, rtol=1e-13)
+    slope = casadi.Function("B", [symbol], [casadi.jacobian(rhs(TIME, STATE, symbol), symbol[6])])
+    np.testing.assert_allclose(slope(p.tolist()).full().ravel(), [0, 1 / (1.5 * 4)], rtol=1e-13)
+    jax = pytest.importorskip("jax", reason="JAX is not installed")
+    jax.config.update("jax_enable_x64", val=True)
+    np.testing.assert_allclose(model.as_jax("rhs")(TIME, STATE, p), expected, rtol=1e-13)
+
+
+def test_a_run_without_values_of_inputs_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(lg.StatementError, match=r"its inputs X and u have no value: give a constant value") as refusal:
+        driven().export("c", tmp_path, ["main"])
+    assert len(str(refusal.value)) <= 400 and list(tmp_path.iterdir()) == []
+    driven().export("c", tmp_path, ["main"], parameters={"X": 0, "u": 0.5})  # the rates of X are zero
+    subprocess.run(["cc", "-O1", "-o", "main", "driven.c", "driven_main.c", "-lm"], cwd=tmp_path, check=True)
+    rows = subprocess.run(["./main", "1.0"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout.split()
+    other = driven().substitute({X: 0, u: 0.5}).run(1.0, rtol=1e-10)
+    # main has a tolerance of 1e-8.
+    assert float(rows[-1].split(",")[1]) == pytest.approx(other[theta][-1], rel=1e-6)
+
+
+def test_the_rate_of_a_constant_input_is_zero(tmp_path: Path) -> None:
+    i, voltage = lg.coordinate("i"), lg.given("u")
+    circuit = lg.System(kinetic=0, forces={i: voltage - i}, dissipation=i.dot**2 / 2, name="circuit")
+    assert "u_dot" in [symbol.name for symbol in circuit.compile("numpy").statement.parameters]
+    with pytest.raises(lg.StatementError, match="its input u has no value: give"):
+        circuit.export("python", tmp_path, ["main"])
+    texts = []
+    for held in ({voltage: 12.0}, {voltage: 12.0, voltage.dot: 0.0}):
+        made = circuit.export("python", tmp_path, ["rhs", "dop853", "main"], parameters=held)
+        texts.append([path.read_text() for path in made.files])
+    assert texts[0] == texts[1]

@@ -18,10 +18,9 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.errors import LagrangeError
 from lagrange.export.languages import fmu as target
-from tests.export.systems import held
-from tests.export.test_c import run
+from tests.export.callers import held, run
 from tests.models import SCENE_NAMES
-from tests.statement.inputs import VALUES, at, driven
+from tests.statement.examples import VALUES, at, driven
 
 fmpy: Any = pytest.importorskip("fmpy", reason="FMPy is not installed")
 validation: Any = pytest.importorskip("fmpy.validation", reason="FMPy is not installed")

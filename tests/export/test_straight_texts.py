@@ -10,8 +10,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.export.elimination import ROWS, factored, solved
-from tests.export.callers import LANGUAGES, missing, run, section
-from tests.export.systems import named
+from tests.export.callers import LANGUAGES, missing, named, run, section
 from tests.export.test_modules import coupled
 
 TEXTS = {

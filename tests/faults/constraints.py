@@ -1,4 +1,4 @@
-"""Faults of constraints: typed starts, extreme units, redundant ones, and ones that become singular on the way."""
+"""Faults of constraints and contacts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.machine.model import Model
 from lagrange.trajectory.trajectory import FloatArray, Status
 from tests.faults.fault import GAVE_UP, Fault
 from tests.faults.motions import NO_NUMBER, t
-from tests.mechanisms.ladder import parallelogram_acceleration
+from tests.mechanisms.formulation import parallelogram_acceleration
 
 x, y, z = lg.coordinates("x y z")
 
@@ -180,5 +180,55 @@ MOVED: tuple[Fault, ...] = (
         rough=0.5,
         statuses=(*LOST, *GAVE_UP),
         window=(0.8, 1.1),
+    ),
+)
+
+
+# --- faults of contacts: an impact, and one whose restitution has no meaning -----------------------------------
+
+
+NOT_MADE_FOR = "does not locate events|leaves out the forces of constraints|moves coordinates and velocities in turn"
+"""Parts of the messages of methods that cannot run to an impact, or with a closed gap as a constraint."""
+
+
+def ball(restitution: Any) -> Callable[[], Model]:
+    """Return a function that makes the model of a unit mass falling under unit gravity on a floor."""
+
+    @cache
+    def made() -> Model:
+        floor = lg.contact(y, restitution=restitution)
+        return lg.System(y.dot**2 / 2, y, contacts={"floor": floor}, initial={y: 1.0}, name="ball").compile()
+
+    return made
+
+
+def rebound(times: FloatArray) -> FloatArray:
+    """Return the states of a fall from height 1 with one impact of restitution 0.5."""
+    hit, g = np.sqrt(2), times - np.sqrt(2)
+    late = times > hit
+    return np.array(
+        [
+            np.where(late, hit / 2 * g - g**2 / 2, 1 - times**2 / 2),
+            np.where(late, hit / 2 - g, -times),
+        ]
+    )
+
+
+CONTACTS = (
+    Fault(
+        "restitution above one",
+        "e = 2 - u/8 at impacts with the speed u",
+        ball(restitution=2 - lg.impact_speed / 8),
+        end=3.0,
+        refusal=f"restitution|{NOT_MADE_FOR}",
+    ),
+    Fault(
+        "one impact",
+        "restitution 0.5",
+        ball(restitution=0.5),
+        end=2.5,
+        truth=rebound,
+        options={"t_eval": np.linspace(0, 2.5, 11)},
+        refusal=NOT_MADE_FOR,
     ),
 )

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from tests.faults.constraints import MOVED
-from tests.faults.contacts import CONTACTS
+from tests.faults.constraints import CONTACTS, MOVED
 from tests.faults.fault import Cell, Fault, take
 from tests.faults.motions import MOTIONS
 from tests.faults.occurrences import EVENTS

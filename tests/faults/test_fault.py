@@ -1,8 +1,9 @@
-"""Tests of the judge of faults, with methods that return wrong results, hang, crash, or store wrong states."""
+"""The judge of faults, and every registered method on every fault."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import pytest
@@ -10,11 +11,14 @@ import pytest
 from lagrange.errors import StatementError
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.explicit import DOP853
+from lagrange.trajectory.methods.registry import names
 from lagrange.trajectory.trajectory import Status, Trajectory
+from tests.faults.constraints import CONTACTS, MOVED
 from tests.faults.fault import Fault, take
-from tests.faults.matrix import FAULTS
-from tests.faults.motions import cosine
-from tests.faults.requests import bob
+from tests.faults.matrix import FAULTS, cells
+from tests.faults.motions import MOTIONS, cosine
+from tests.faults.occurrences import EVENTS
+from tests.faults.requests import REQUESTS, bob
 
 PLAIN = Fault("plain", "no fault", bob, truth=cosine, step=None)
 POLE = next(fault for fault in FAULTS if fault.name == "double pole")
@@ -96,3 +100,50 @@ def test_the_verdict(fault: Fault, change: Callable[[Trajectory], Trajectory], v
     cell = take(fault, Changed(change))
     assert cell.verdict == verdict, cell.detail
     assert cell.sound == (verdict in ("right", "ended", "refused", "unreliable"))
+
+
+# --- every registered method on every fault: no silent wrong answer, and no run without an end -----------------
+
+
+pytestmark = pytest.mark.few
+
+
+def each(faults: Sequence[Fault]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("fault", faults, ids=lambda fault: fault.name)
+
+
+def every_method_gets_what_is_due(fault: Fault, everything: bool) -> None:
+    methods = names()
+    if not everything:
+        methods = [methods[zlib.crc32(fault.name.encode()) % len(methods)]]
+    wrong = [cell for cell in cells(methods, [fault]) if not cell.sound]
+    assert not wrong, "\n".join(f"{cell.method}: {cell.verdict}, {cell.status}: {cell.detail}" for cell in wrong)
+
+
+@each(MOTIONS)
+def test_a_motion_that_is_hard_to_follow(fault: Fault, everything: bool) -> None:
+    every_method_gets_what_is_due(fault, everything)
+
+
+@each(EVENTS)
+def test_an_event_that_is_hard_to_find(fault: Fault, everything: bool) -> None:
+    every_method_gets_what_is_due(fault, everything)
+
+
+@each(REQUESTS)
+def test_a_request_that_is_hard_to_meet(fault: Fault, everything: bool) -> None:
+    every_method_gets_what_is_due(fault, everything)
+
+
+@each(MOVED)
+def test_a_motion_that_constraints_make_hard(fault: Fault, everything: bool) -> None:
+    every_method_gets_what_is_due(fault, everything)
+
+
+@each(CONTACTS)
+def test_a_contact_that_is_hard_to_meet(fault: Fault, everything: bool) -> None:
+    every_method_gets_what_is_due(fault, everything)
+
+
+def test_every_fault_is_of_one_of_these_kinds() -> None:
+    assert (*MOTIONS, *EVENTS, *REQUESTS, *MOVED, *CONTACTS) == FAULTS

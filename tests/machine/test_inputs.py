@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from tests.statement.inputs import VALUES, X, at, driven, theta, u
+from tests.statement.examples import VALUES, X, at, driven, theta, u
 
 STATE = [0.7, -1.3]
 CLOSE: dict[str, Any] = {"rtol": 1e-13, "atol": 1e-13}

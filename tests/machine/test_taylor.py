@@ -1,13 +1,16 @@
-"""Compiled series equal those of the interpreter: unrolled and in loops, with vectors of all widths."""
+"""Compiled series and polynomials of steps, and procedures for many members, equal those of the interpreter."""
 
 from __future__ import annotations
 
 import copy
+import math
 import pickle
+import random
 import re
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,24 +18,41 @@ import pytest
 import sympy as sp
 from hypothesis import HealthCheck, given, settings
 
+from lagrange.algorithm.dense.block import StepPolynomial
+from lagrange.algorithm.dense.collocation import collocation_polynomial
+from lagrange.algorithm.dense.polynomials import hermite_polynomial, runge_kutta_polynomial
+from lagrange.algorithm.linear.gauss_jordan import invert_columns
 from lagrange.algorithm.series.packing import Packing, operations, pack
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine import numpy_machine
-from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.llvm.address import address
+from lagrange.machine.llvm.engine import CompiledProcedure
 from lagrange.machine.llvm_series import CompiledJet
+from lagrange.machine.model import Model
 from lagrange.machine.numpy_machine import Jet, NumpySeries
+from lagrange.procedure.form import REAL, Procedure, Record
+from lagrange.procedure.interpreter import run
+from lagrange.procedure.lane_values import UNIFORM, VARYING
+from lagrange.procedure.lanes import ACTIVE, MemberProcedures
 from lagrange.program.catalogue import program_of
 from lagrange.program.series import RULES, SeriesProgram
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.methods.implicit import collocation_tableau
+from lagrange.trajectory.methods.radau import POINTS
+from lagrange.trajectory.tableaux.butcher import ButcherTableau
+from lagrange.trajectory.tableaux.explicit import dop853
 from tests.covering import examples
 from tests.laws.mechanisms import functions_of, potentials
 from tests.laws.test_random_systems import kinetic_energies
-from tests.models import SYSTEMS, TARGETS, k, stated, x, y
+from tests.models import SYSTEMS, TARGETS, build, k, m, model, stated, x, y, z
+from tests.procedure.random_functions import DATA, SIZE, TABLE, bits, example
+from tests.procedure.verify import verify
 from tests.series_systems import HELD, LARGER, ladder
+from tests.trajectory.runs import exact
 
 LANES = (1, 2, 4, 8)
 ALL = {**LARGER, **HELD}
@@ -162,10 +182,10 @@ def test_all_machines_call_the_same_matrices_singular(constant: bool) -> None:
     kernels = [machine(target).load(program_of("rhs", equations)) for target in TARGETS]
     for pivot, singular in ((1e-14, True), (2e-14, False)):
         given, state = np.array([pivot] * constant), np.array([0.1, np.sqrt(pivot), 0.0, 0.0])
-        runs = [partial(item.rows, 4, 0.0, state, 1.0, given) for item in series]
-        for run in (*runs, *(partial(kernel, 0.0, state, given) for kernel in kernels)):
+        calls = [partial(item.rows, 4, 0.0, state, 1.0, given) for item in series]
+        for call in (*calls, *(partial(kernel, 0.0, state, given) for kernel in kernels)):
             with pytest.raises(SingularMassMatrix) if singular else nullcontext():
-                assert np.isfinite(run()).all()
+                assert np.isfinite(call()).all()
 
 
 @pytest.mark.slow
@@ -265,3 +285,275 @@ def test_eliminated_rows_are_swapped_in_every_right_hand_side(exact: bool) -> No
     for solution in np.array([[1.0, -2.0, 3.0, 0.5], [0.0, 1.0, 0.0, 0.0]]):
         result = eliminated.solve([sp.nsimplify(entry) for entry in matrix @ solution] if exact else matrix @ solution)
         assert np.array(result, dtype=float) == pytest.approx(solution, rel=1e-15, abs=1e-15)
+
+
+# --- polynomials of steps: each kind of dense output has the same values on both machines and in the interpreter ---
+
+
+GRID = np.array([0.0, 0.1, 0.25, 0.4, 0.6, 0.65, 0.9, 1.0, 1.2, 1.3])
+
+
+def of_tableau(tableau: ButcherTableau) -> tuple[StepPolynomial, FloatArray, FloatArray, FloatArray]:
+    """Return the dense output of a tableau, and its rows, abscissae and weights."""
+    assert tableau.dense is not None
+    rows = np.array([[*map(float, row), *[0.0] * (len(tableau.rows) - len(row))] for row in tableau.rows])
+    abscissae = np.array([float(c) for c in tableau.abscissae])
+    powers = max(map(len, tableau.dense.weights))
+    weights = np.array([[*map(float, line), *[0.0] * (powers - len(line))] for line in tableau.dense.weights])
+    return runge_kutta_polynomial(rows, abscissae, weights), rows, abscissae, weights
+
+
+def of_points(stages: int) -> StepPolynomial:
+    A, _, c = collocation_tableau(POINTS[stages])
+    return collocation_polynomial(A, c)
+
+
+KINDS: dict[str, StepPolynomial] = {
+    "dop853": of_tableau(dop853())[0],
+    **{f"Hermite, order {order}": hermite_polynomial(order) for order in (3, 4, 7)},
+    **{f"collocation, {stages} stages": of_points(stages) for stages in POINTS},
+}
+
+
+def states_of(compiled: Model) -> FloatArray:
+    return np.ascontiguousarray(exact(compiled, GRID[-1], t_eval=GRID).y.T)
+
+
+def dense_of(compiled: Model, kind: StepPolynomial) -> Any:
+    derivative = compiled.kernel("jacobian") if kind.derivative else None
+    return compiled.machine.dense(kind, compiled.kernel("rhs"), compiled.parameter_array(), derivative)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_path_of_stages_is_the_formula_of_its_tableau(target: str) -> None:
+    compiled = model("cart and pole", target)
+    path, rows, abscissae, weights = of_tableau(dop853())
+    states = states_of(compiled)
+    c = dense_of(compiled, path).coefficients(GRID, states, np.array([3]))[:, :, 0]
+    h, slopes = GRID[4] - GRID[3], np.zeros((len(rows), states.shape[1]))
+    for i, row in enumerate(rows):
+        slopes[i] = compiled.rhs(GRID[3] + abscissae[i] * h, states[3] + h * row @ slopes)
+    for theta in (0.0, 0.3, 0.77, 1.0):
+        share = weights @ theta ** np.arange(1, weights.shape[1] + 1)
+        result = np.polynomial.polynomial.polyval(theta, c)
+        # Weights up to 545 multiply what rounding does to 16 slopes near 1.
+        assert result == pytest.approx(states[3] + h * share @ slopes, abs=1e-12)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_one_step_gets_does_not_depend_on_the_steps_of_its_block(kind: str, target: str) -> None:
+    compiled = model("cart and pole", target)
+    dense, states = dense_of(compiled, KINDS[kind]), states_of(compiled)
+    together = dense.coefficients(GRID, states, np.arange(len(GRID) - 1))
+    for step in range(len(GRID) - 1):
+        assert (dense.coefficients(GRID, states, np.array([step]))[:, :, 0] == together[:, :, step]).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_accepted_states_are_exact_forwards_and_back(kind: str, target: str) -> None:
+    compiled = model("cart and pole", target)
+    states = states_of(compiled)
+    for times, rows in ((GRID, states), (GRID[::-1].copy(), states[::-1].copy())):
+        out = np.empty((states.shape[1] + 1, 3 * len(times)))
+        expected = np.repeat(times, 3)
+        dense_of(compiled, KINDS[kind]).at(times, rows, expected, out[1:])
+        assert (out[1:] == np.repeat(rows, 3, axis=0).T).all()
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("target", TARGETS)
+def test_each_time_is_evaluated_on_its_step(target: str, direction: float) -> None:
+    """There are few or many times on a step, unused steps, and a step of zero length at a jump."""
+    compiled, rng = model("Henon-Heiles", target), np.random.default_rng(3)
+    times = direction * np.sort(np.concatenate([rng.uniform(0.0, 9.0, 400), [4.0, 4.0]]))
+    states = rng.normal(size=(len(times), 4))
+    dense = dense_of(compiled, hermite_polynomial(3))
+    c = dense.coefficients(times, states, np.arange(len(times) - 1))
+    for count in (1, 2, 9, 5000):
+        expected = direction * np.sort(rng.uniform(direction * times[0], direction * times[-1], count))
+        out = np.empty((4, count))
+        dense.at(times, states, expected, out)
+        result = np.searchsorted(direction * times, direction * expected, side="right") - 1
+        theta = (expected - times[result]) / (times[result + 1] - times[result])
+        assert out == pytest.approx(np.polynomial.polynomial.polyval(theta, c[:, :, result], tensor=False), abs=1e-12)
+    jump = np.array([direction * 4.0])
+    out = np.empty((4, 1))
+    dense.at(times, states, jump, out)
+    assert (out[:, 0] == states[np.flatnonzero(times == jump[0])[-1]]).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("kind", ["dop853", "Hermite, order 3", "Hermite, order 7"])
+def test_a_step_into_a_singular_configuration_is_a_parabola_and_the_others_keep_their_path(
+    kind: str, target: str
+) -> None:
+    """At t = 1 the mass of z is round-off. The polynomial of that step is a parabola."""
+    compiled = build(
+        target,
+        kinetic=m * (x.dot + z.dot) ** 2 / 2 + sp.Max(sp.Float(4e-15), 1 - t) * m * z.dot**2 / 2,
+        potential=k * (x - z) ** 2 / 2,
+        coordinates=[x, z],
+        initial={x: 0.3},
+    )
+    times = np.array([0.0, 0.3, 0.6, 1.0])
+    states = np.array([[0.3, 0.1, 0.0, 0.2], [0.31, 0.15, 0.1, 0.2], [0.33, 0.22, 0.1, 0.25], [0.4, 0.3, 0.2, 0.3]])
+    dense = dense_of(compiled, KINDS[kind])
+    c = dense.coefficients(times, states, np.arange(3))
+    assert np.isfinite(c).all() and (np.abs(c[3, :, :2]) > 0).any()
+    first = 0.4 * compiled.rhs(0.6, states[2])
+    assert c[:3, :, 2] == pytest.approx(np.array([states[2], first, states[3] - states[2] - first]), rel=1e-12)
+    assert (c[3:, :, 2] == 0).all()
+    assert (dense.coefficients(times[:3], states[:3], np.arange(2)) == c[:, :, :2]).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("stages", POINTS)
+def test_the_stages_of_a_step_alone_solve_their_equations(stages: int, target: str) -> None:
+    """The residuals of the stage equations are round-off, and the last stage is the end of the step."""
+    compiled, h = model("double pendulum", target), 0.1
+    states = np.ascontiguousarray(exact(compiled, h, t_eval=[0.0, h]).y.T)
+    c = dense_of(compiled, of_points(stages)).coefficients(np.array([0.0, h]), states, np.array([0]))[:, :, 0]
+    points = POINTS[stages]
+    result = np.array([np.polynomial.polynomial.polyval(point, c) for point in points])
+    slopes = [compiled.rhs(h * point, state) for point, state in zip(points, result, strict=True)]
+    A, _, _ = collocation_tableau(points)
+    assert (result - states[0])[:-1] == pytest.approx((h * np.array(A) @ slopes)[:-1], abs=1e-14)
+    assert result[-1] == pytest.approx(states[1], abs=1e-14)
+
+
+def test_inverses_of_many_matrices_are_those_of_each() -> None:
+    rng, order, count = np.random.default_rng(4), 5, 6
+    matrices = rng.normal(size=(count, order, order))
+    matrices[1] = np.eye(order)[::-1]
+    matrices[2] = 0.0
+    a = np.zeros((order, 2 * order, count))
+    a[:, :order] = np.moveaxis(matrices, 0, -1)
+    flat = a.ravel().tolist()
+    run(invert_columns.form(), order, count, flat, [0.0] * count)
+    result = np.moveaxis(np.array(flat).reshape(a.shape)[:, order:], -1, 0)
+    for i in (0, 1, 3, 4, 5):
+        assert result[i] @ matrices[i] == pytest.approx(np.eye(order), abs=1e-12)
+    assert not np.isfinite(result[2]).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("order", [4, 11, 20])
+@pytest.mark.parametrize("span", [0.3, -0.7, 1e-5, 3.0])
+def test_the_polynomial_of_a_taylor_step_is_its_series(span: float, order: int, target: str) -> None:
+    """The polynomial is in the fraction of the step, for any ratio of the step to the time scale of the series."""
+    compiled = model("cart and pole", target)
+    series, _ = compiled.series()
+    start, parameters = np.array(compiled.statement.initial), compiled.parameter_array()
+    times, states = np.array([0.5, 0.5 + span]), np.array([start, start + 1.0])
+    c = series.dense(order, parameters).coefficients(times, states, np.array([0]))[:, :, 0]
+    rows = series.rows(order, 0.5, start, 1.0, parameters)[:, : len(start)]
+    h = times[1] - times[0]
+    assert c == pytest.approx(rows * h ** np.arange(order + 1)[:, None], rel=1e-13)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("length", [2.0, 1.0])
+def test_a_step_whose_stages_have_no_solution_is_a_straight_line(length: float, target: str) -> None:
+    """For x'' = x with a_11 = 1/2 the matrix I - h J / 2 is singular at h = 2."""
+    compiled = build(target, kinetic=x.dot**2 / 2, potential=-(x**2) / 2)
+    kind = collocation_polynomial([[0.5, 0.0], [0.75, 0.25]], [0.5, 1.0])
+    times, states = np.array([0.0, 2.0, 3.0]), np.array([[1.0, 0.0], [2.0, 1.0], [2.5, 1.5]])
+    step = int(length == 1.0)
+    part = slice(step, step + 2)
+    result = dense_of(compiled, kind).coefficients(times[part], states[part], np.array([0]))[:, :, 0]
+    straight = np.array([states[step], states[step + 1] - states[step]])
+    assert result[:2] == pytest.approx(straight, abs=1e-15) if step == 0 else np.isfinite(result).all()
+    assert (np.abs(result[2]).max() < 1e-15) == (step == 0)
+    both = dense_of(compiled, kind).coefficients(times, states, np.arange(2))
+    assert np.isfinite(both).all()
+
+
+# --- procedures for many members at once: each member has the bits of the interpreter for this member alone ----
+
+
+NUMBERS = (0.75, -1.5, math.nan, 1.0, -math.inf, 0.0, 1e-308, 1e308, -0.0, 3.25)
+
+
+def interleaved(rows: Any) -> np.ndarray[Any, Any]:
+    """Return the rows of all members in the order of machine code."""
+    return np.ascontiguousarray(np.array(rows).T)
+
+
+def interpreted(entry: Procedure) -> Any:
+    """Return an entry procedure in the interpreter as a function of numbers and arrays."""
+
+    def call(*arguments: Any) -> None:
+        arrays: list[Any] = [item.ravel() if isinstance(item, np.ndarray) else item for item in arguments]
+        records = [item.type.structure if isinstance(item.type, Record) else None for item in entry.parameters]
+        pairs = zip(arrays, records, strict=True)
+        run(entry, *[item if record is None else record.from_buffer(item) for item, record in pairs])
+
+    return call
+
+
+def in_lanes(procedure: Procedure, members: Any, lanes: int, active: int, life: str, *, own_n: bool) -> Any:
+    """Run members side by side; return the results of each with its data and record."""
+    xs, ys = (np.array([member[k] for member in members], dtype=float) for k in (0, 1))
+    ns = np.array([member[2] for member in members], dtype=np.int64)
+    data = interleaved([[*DATA, *[0.0] * 8] for _ in members])
+    kept = np.zeros((2, lanes))
+    kept[0], kept.view(np.int64)[1] = 0.25, 3
+    shares = {
+        "x": VARYING,
+        "y": VARYING,
+        "n": VARYING if own_n else UNIFORM,
+        "data": VARYING,
+        "table": UNIFORM,
+        "kept": VARYING,
+    }
+    memory = {"x": xs, "y": ys, "n": ns, "data": data, "table": np.array(TABLE), "kept": kept}
+    signature = tuple(shares[item.name] for item in procedure.parameters)
+    entry = MemberProcedures(lanes).entry(procedure, signature)
+    for item in (*entry.callees, entry):
+        verify(item)
+    results = [np.zeros(lanes, dtype=float if kind is REAL else np.int64) for kind in procedure.results]
+    memory |= {f"result{k}": row for k, row in enumerate(results)}
+    memory[ACTIVE] = np.array([active >> k & 1 for k in range(lanes)])
+    given = [int(ns[0]) if item.name == "n" and not own_n else memory[item.name] for item in entry.parameters]
+    call = interpreted(entry) if life == "interpreter" else CompiledProcedure(entry, optimize=life == "optimized")
+    call(*given)
+    result = []
+    for lane in range(lanes):
+        values: list[Any] = [row[lane].item() for row in results]
+        after = [*map(float, data[:SIZE, lane]), float(kept[0, lane]), int(kept.view(np.int64)[1, lane])]
+        result.append([bits(item) for item in (*values, *after)])
+    return result
+
+
+def alone(procedure: Procedure, member: Any) -> list[Any]:
+    """Run a member in the interpreter."""
+    (structure,) = (item.type.structure for item in procedure.parameters if isinstance(item.type, Record))
+    data, kept = [*DATA, *[0.0] * 8], structure(0.25, 3)
+    given = {"x": member[0], "y": member[1], "n": member[2], "data": data, "table": TABLE, "kept": kept}
+    results = run(procedure, *(given[item.name] for item in procedure.parameters))
+    plain = [
+        int(item) if kind is not REAL else float(item) for item, kind in zip(results, procedure.results, strict=True)
+    ]
+    return [bits(item) for item in (*plain, *map(float, data[:SIZE]), kept.x, kept.count)]
+
+
+@pytest.mark.parametrize("lanes", [2, 4, 8])
+@pytest.mark.parametrize("seed", range(60))
+def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int, tmp_path: Path) -> None:
+    """Half of the procedures also run in the interpreter, which has no vectors."""
+    procedure = example(seed, tmp_path).form(option=seed % 3 == 0)
+    draw = random.Random(seed)
+    for own_n in (True, False):
+        whole = draw.randrange(-3, 8)
+        members = [
+            (draw.choice(NUMBERS), draw.choice(NUMBERS), draw.randrange(-3, 8) if own_n else whole)
+            for _ in range(lanes)
+        ]
+        active = draw.randrange(1, 2**lanes)
+        for life in ("plain", "interpreter") if seed % 2 else ("optimized",):
+            result = in_lanes(procedure, members, lanes, active, life, own_n=own_n)
+            for lane, member in enumerate(members):
+                if active >> lane & 1:
+                    assert result[lane] == alone(procedure, member), (life, lane, member)

@@ -1,19 +1,21 @@
-"""Linear equations about a point: those of the compiled Jacobian, with constraints, inputs and steady motions."""
+"""Linear equations about a point or a motion, with constraints, and systems expanded about a point."""
 
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy
-from sympy import Matrix, Max, Min, Piecewise, acos, cos, pi, sign, simplify, sin
+from sympy import Abs, Matrix, Max, Min, Piecewise, Rational, acos, cos, pi, sign, simplify, sin, sqrt
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import small_changes
 from lagrange.mechanics.plain_form import Shortener, numeric
+from tests.models import shared_scene
 from tests.refusals import refusal
 
 m, g, l, k, c, w, M, R = lg.parameters("m g l k c w M R")
@@ -259,3 +261,244 @@ def test_a_pole_of_coordinates_is_an_equilibrium_only_if_forces_vanish_next_to_i
     linear = system.linearize({phi: pi / 2})
     assert linear.equilibrium is balanced
     assert balanced or "next to this point the forces do not vanish" in linear.note
+
+
+# --- linear equations about motions on constraints: closed forms, and differences of the flow ------------------
+
+
+heading, lean, spin = lg.coordinates("heading lean spin")
+
+r = lg.parameters("r")
+
+
+def disc(*order: Any) -> lg.System:
+    """Return a thin disc that rolls: (x, y) is the point of contact."""
+    centre = Matrix([x + r * sin(lean) * sin(heading), y - r * sin(lean) * cos(heading), r * cos(lean)])
+    about_axle = spin.dot + heading.dot * sin(lean)
+    turning = m * r**2 * (lean.dot**2 + (heading.dot * cos(lean)) ** 2 + 2 * about_axle**2) / 8
+    velocity = centre.diff(lg.t)
+    return lg.System(
+        m * velocity.dot(velocity) / 2 + turning,
+        m * g * centre[2],
+        coordinates=order or [x, y, heading, lean, spin],
+        constraints={"along": x.dot - r * spin.dot * cos(heading), "across": y.dot - r * spin.dot * sin(heading)},
+        parameters={m: 1.3, g: 9.81, r: 0.4, w: 5},
+        name="disc",
+    )
+
+
+@pytest.mark.slow
+def test_a_disc_that_rolls_straight_is_stable_above_its_critical_spin() -> None:
+    # With the moments m r^2/4 and m r^2/2, leaning and turning follow 5/4 r lean'' + 3/2 r w heading' = g lean and
+    # heading'' = 2 w lean', which is stable where w^2 > g/(3 r).
+    straight = {x.dot: r * w, spin.dot: w}
+    modes = disc().modes(straight)
+    assert modes.linearization.note == "About a steady motion on the constraints."
+    assert modes.symbolic
+    assert sympy.expand(modes.frequencies[2] ** 2 - (12 * w**2 / 5 - 4 * g / (5 * r))) == 0
+    critical = np.sqrt(9.81 / (3 * 0.4))
+    path = disc().eigenvalues(w, [0.0, 0.99 * critical, 1.01 * critical, 20.0], straight)
+    assert path.stable.tolist() == [False, False, True, True]
+    assert path.eigenvalues.shape == (4, 8)  # five positions, and three independent velocities
+
+
+def test_independent_coordinates_may_be_any() -> None:
+    result = disc(spin, lean, heading, x, y).linearize({x.dot: r * w, spin.dot: w})
+    assert result.velocity_coordinates == (lean, heading, x)
+    assert result.coordinates == (spin, lean, heading, x, y)
+    assert result.equilibrium
+    assert result.C[0, 1] * result.C[1, 0] == -3 * m**2 * r**4 * w**2 / 4
+
+
+def random_system(seed: int) -> tuple[lg.System, Any, Any]:
+    """Return a system whose z and heading' follow from the others, with z = f(x, y, t) and heading' = h."""
+    random = np.random.default_rng(seed)
+
+    def draw() -> Any:
+        return Rational(int(random.integers(3, 12)), 7)
+
+    above = draw() * x**2 + draw() * sin(x - draw() * y)
+    turning = draw() * x.dot * cos(draw() * heading) + (draw() + z) * y.dot + draw() * sin(x) * z.dot
+    kinetic = sum(draw() * q.dot**2 for q in (x, y, z, heading)) + (x.dot * draw() * cos(heading) + y.dot) ** 2
+    kinetic += draw() * sin(x) ** 2 * heading.dot**2 + draw() * x.dot * y
+    potential = g * z + draw() * x * heading + draw() * cos(x * y)
+    system = lg.System(
+        kinetic,
+        potential,
+        coordinates=[z, heading, x, y],
+        constraints={"on": z - above, "turn": heading.dot - turning},
+        forces={x: -draw() * x.dot * y, heading: draw() * z.dot * heading.dot},
+        parameters={g: 2},
+        name=f"random {seed}",
+    )
+    return system, above, turning
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("seed", range(4))
+def test_the_matrix_is_the_slope_of_the_motion_on_the_constraints(seed: int) -> None:
+    system, above, turning = random_system(seed)
+    model, steps = system.compile("numpy"), 1e-4
+
+    def whole(values: Any) -> Any:
+        """Return the whole state of the disc from x, y, the heading, x' and y'."""
+        table = dict(zip((x.dot, y.dot, x, y, heading), (*values[3:], *values[:3][[1, 2, 0]]), strict=True))
+        table[z.dot] = above.diff(lg.t).subs(table)
+        table[z] = above.subs(table)
+        table[heading.dot] = turning.subs(table)
+        return np.array([float(table[s]) for s in (*system.coordinates, *(q.dot for q in system.coordinates))])
+
+    values = np.array([0.25, 0.5, -0.375, 0.625, -0.75])  # exact in binary: heading, x, y, x', y'
+    rows = [1, 2, 3, 6, 7]
+    columns = []
+    for change in steps * np.eye(5):
+        near = [model.rhs(0.0, whole(values + share * change))[rows] for share in (-2, -1, 1, 2)]
+        columns.append((near[0] - 8 * near[1] + 8 * near[2] - near[3]) / (12 * steps))
+    exact = dict(zip((heading, x, y, x.dot, y.dot), map(Rational, values), strict=True))
+    exact[z.dot] = above.diff(lg.t).subs(exact)
+    exact |= {z: above.subs({x: exact[x], y: exact[y]})}
+    exact[heading.dot] = turning.subs(exact)
+    lin = system.linearize(exact)
+    assert lin.coordinates == (heading, x, y)
+    assert lin.velocity_coordinates == (x, y)
+    difference = np.array(columns).T - numeric(lin.A, {g: 2})
+    # Fourth-order differences with steps of 1e-4 leave rounding, 1e-16/1e-4 times a few.
+    assert np.abs(difference).max() <= 1e-9 * np.abs(columns).max()
+
+
+@pytest.mark.parametrize(
+    ("at", "words"),
+    [
+        ({x.dot: r * w}, "the velocities are not on the constraint 'along', which is r*w there and not zero: give"),
+        ({x.dot: 1.0, spin.dot: 1.0}, "the velocities are not on the constraint 'along', which is 0.6"),
+    ],
+)
+def test_velocities_off_the_constraints_are_refused(at: Any, words: str) -> None:
+    assert refusal(disc().linearize, at).startswith(words)
+
+
+def test_an_equilibrium_in_decimals_is_not_followed_along_constraints() -> None:
+    with pytest.raises(StatementError, match="disc has constraints, and an equilibrium in decimals cannot be"):
+        disc().eigenvalues(w, [1.0], {x.dot: 0.4, spin.dot: 1.0})
+
+
+# --- systems expanded about a point, compared with the full system and its linearization; refusals -------------
+
+
+a = lg.parameters("a")
+
+
+def pendulum(**more: Any) -> lg.System:
+    return lg.System(
+        m * l**2 * theta.dot**2 / 2,
+        -m * g * l * cos(theta),
+        parameters={m: 2, g: 9.81, l: 0.7},
+        name="pendulum",
+        **more,
+    )
+
+
+def test_the_pendulum_swings_harmonically() -> None:
+    small = pendulum().small({theta: 0})
+    assert small.equations() == [sympy.Eq(m * l**2 * theta.ddot + m * g * l * theta, 0)]
+    assert small.statement.potential == m * g * l * theta**2 / 2 - m * g * l
+    assert small.statement.about == ("Expanded about theta = 0 to order 2 in changes of coordinates and velocities.")
+    assert small.check()
+
+
+def test_away_from_equilibrium_terms_of_first_order_stay_and_are_told() -> None:
+    small = pendulum().small({theta: pi / 2})
+    assert small.accelerations() == {theta: -g / l}
+    assert small.statement.about == (
+        "Expanded about theta = pi/2 to order 2 in changes of coordinates and velocities. "
+        "The point is not an equilibrium: terms of first order remain, and accelerations are those "
+        "of the system at the point alone."
+    )
+    assert "no equilibrium" not in pendulum().small({theta: pi}).statement.about
+
+
+def test_parameters_keep_the_order_in_which_they_were_stated() -> None:
+    assert list(shared_scene("double-pendulum").small().parameters) == list(shared_scene("double-pendulum").parameters)
+    assert "½ (m₁ + m₂) l₁² θ̇₁²" in shared_scene("double-pendulum").small().derivation().unicode()
+
+
+def error(system: lg.System, at: dict[Any, float], order: int, size: float) -> float:
+    """Return the error of the expansion's accelerations at a distance from the point."""
+    full, small = system.compile(check=False), system.small(at, order=order).compile(check=False)
+    draw = np.random.default_rng(3)
+    keys = (*system.coordinates, *system.statement.velocities)
+    y0 = np.array([float(at.get(key, 0.0)) for key in keys]) + size * draw.uniform(-1, 1, len(keys))
+    n = len(keys) // 2
+    return float(np.max(np.abs(full.accelerations(y0[:n], y0[n:], 0.4) - small.accelerations(y0[:n], y0[n:], 0.4))))
+
+
+FORCED = lg.System(
+    m * (x.dot**2 + (l + x) ** 2 * theta.dot**2) / 2,
+    -m * g * (l + x) * cos(theta) + k * x**2 / 2,
+    dissipation=c * sqrt(1 + x) * x.dot**2 / 2,
+    forces={theta: a * sin(lg.t) * sin(theta) - theta.dot**3},
+    coordinates=[x, theta],
+    parameters={m: 1, l: 1, g: 9.81, k: 40, c: 0.3, a: 0.2},
+)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+@pytest.mark.parametrize(
+    ("system", "at"),
+    [
+        (shared_scene("double-pendulum"), {}),
+        (FORCED, {x: 9.81 / 40}),
+        (shared_scene("elastic-pendulum"), {lg.coordinate("r"): 1.0}),
+    ],
+    ids=["double", "forced", "elastic"],
+)
+def test_the_error_falls_with_the_order(system: lg.System, at: dict[Any, float], order: int) -> None:
+    # About an equilibrium, equations of order n - 1 leave an error of order n: a tenth of the distance leaves 10^-n of
+    # it. Where the terms of that order vanish by symmetry it falls faster.
+    far, near = (error(system, at, order, size) for size in (2e-2, 2e-3))
+    assert near <= 10 ** (0.5 - order) * far and near < far
+
+
+def test_constraints_are_expanded_with_their_curvature() -> None:
+    rod = shared_scene("cartesian-pendulum")
+    length = next(p for p in rod.statement.parameters if p.name == "l")
+    small = rod.small({"y": -length})
+    assert sympy.expand(small.statement.constraints[0].expression - rod.statement.constraints[0].expression) == 0
+    assert "no equilibrium" not in small.statement.about
+    wire = lg.System(m * (x.dot**2 + y.dot**2) / 2, constraints={"wire": y - a * (cos(x) - 1)})
+    assert wire.small().statement.constraints[0].expression == a * x**2 / 2 + y
+
+
+KINETIC = m * x.dot**2 / 2
+NONE = "the potential energy has no expansion about {}: it"
+AT_CORNER = f"{NONE} has a corner or a jump where {{}} is zero, as at this point. Choose a point next to it."
+INFINITE = (
+    f"{NONE}, or a derivative up to order 2, is not finite there. Choose another point, or coordinates that are "
+    "regular at it."
+)
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (
+            lambda: shared_scene("spherical-pendulum").small(),
+            "the inertia of phi vanishes at theta = 0 and phi = 0, so the Lagrangian to order 2 does not contain this "
+            "velocity: choose coordinates that are regular at the point, or another point.",
+        ),
+        (lambda: lg.System(KINETIC, k * Abs(x)).small(), AT_CORNER.format("x = 0", "x")),
+        (
+            lambda: lg.System(KINETIC, Piecewise((x**2, x > a), (0, True))).small({x: a}),
+            AT_CORNER.format("x = a", "a - x"),
+        ),
+        (lambda: lg.System(KINETIC, x ** Rational(3, 2)).small(), INFINITE.format("x = 0")),
+        (
+            lambda: shared_scene("cartesian-pendulum").small(),
+            "the point is not on the constraint 'rod', which is -l**2 there and not zero: give values of all "
+            "coordinates in it.",
+        ),
+        (lambda: pendulum().small(order=1), "order = 1: give a whole number from 2 to 8."),
+    ],
+)
+def test_what_has_no_expansion_is_refused(act: Callable[[], Any], message: str) -> None:
+    assert refusal(act) == message

@@ -1,22 +1,25 @@
-"""Motions formulated without constraints or multipliers: in reduced coordinates, by Kane's method, or by hand.
-
-A formulation has its own state z, its slope dz/dt, and the coordinates q(z, t) and velocities v(z, t) of the scene with
-constraints. Accelerations are dv/dt along the slope.
-"""
+"""Random and regular mechanisms, and motions formulated without multipliers."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import sympy
+import sympy as sp
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+import lagrange as lg
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
+from lagrange.statement.statement import Statement
 
 Vector = NDArray[np.float64]
 Slope = Callable[[Vector, float], Vector]
@@ -132,3 +135,111 @@ def reduced(values: Mapping[Any, float], places: Sequence[Any], bodies: Bodies, 
         return np.concatenate([z[n:], np.linalg.solve(result[: n * n].reshape(n, n), result[n * n :])])
 
     return Formulation(values, [*s, *u], places, plain.rates, slope, **more)
+
+
+# --- the ladder of N four-bar loops, a benchmark problem of multibody dynamics, for any N ----------------------
+
+
+GRAVITY = 9.81
+
+
+def four_bar_ladder(loops: int) -> Statement:
+    """Return the ladder of N loops, stated like the scene four-bar-ladder, which has two loops.
+
+    Its coordinates are those of the pins B0 to BN. N + 1 rods connect them to the ground, and N couplers connect the
+    pins.
+    """
+    m, l, g = lg.parameters("m l g")
+    pins = [lg.coordinates(f"x{i} y{i}") for i in range(loops + 1)]
+    feet = [(i * l, 0) for i in range(loops + 1)]
+
+    def rod(first: Any, other: Any) -> Any:
+        return (other[0] - first[0]) ** 2 + (other[1] - first[1]) ** 2 - l**2
+
+    kinetic = sum(m * (x.dot**2 + y.dot**2) / 6 for x, y in pins)
+    height = sum((y / 2 for _, y in pins), 0)
+    constraints = {f"rod{i}": rod(foot, pin) for i, (foot, pin) in enumerate(zip(feet, pins, strict=True))}
+    for i, (first, second) in enumerate(pairwise(pins), start=1):
+        kinetic += m * sum(p.dot**2 + p.dot * q.dot + q.dot**2 for p, q in zip(first, second, strict=True)) / 6
+        height += (first[1] + second[1]) / 2
+        constraints[f"coupler{i}"] = rod(first, second)
+    initial: dict[Any, float] = {}
+    for i, (x, y) in enumerate(pins):
+        initial |= {x: float(i), y: 1.0, x.dot: 1.0}
+    return lg.System(
+        kinetic=kinetic,
+        potential=m * g * height,
+        coordinates=[place for pin in pins for place in pin],
+        constraints=constraints,
+        parameters={m: 1.0, l: 1.0, g: GRAVITY},
+        initial=initial,
+        positions={f"B{i}": pin for i, pin in enumerate(pins)},
+        name=f"ladder of {loops} four-bar loops",
+    ).statement
+
+
+def parallelogram_acceleration(loops: int, angle: float) -> float:
+    """Return the angular acceleration of the rods, which are parallel, at an angle to the ground.
+
+    T = ((N + 1)/3 + N) w^2/2 and V = g ((N + 1)/2 + N) sin(angle).
+    """
+    return -GRAVITY * ((loops + 1) / 2 + loops) / ((loops + 1) / 3 + loops) * math.cos(angle)
+
+
+# --- random mechanisms in a plane: rods with coupled masses, a pivot that may move, and a knife edge -----------
+
+
+SEEDS = range(6)
+
+
+@cache
+def mechanism(seed: int) -> lg.System:
+    """Return a mechanism. Every second one has a moving pivot, and every third a skate on a spring."""
+    rng = np.random.default_rng(seed)
+    points = [lg.coordinates(f"x{i} y{i}") for i in range(1 + seed % 3)]
+    pivot: Any = (sp.sin(2 * lg.t) / 10, 0) if seed % 2 else (0, 0)
+    kinetic, potential = sp.Integer(0), sp.Integer(0)
+    rods: dict[str, Any] = {}
+    initial: dict[Any, float] = {}
+    # States are drawn at random too: their order must not be that in which other tests declared these names.
+    order: list[Any] = [q for point in points for q in point]
+    before: Any = pivot
+    velocity: Any = (sp.Integer(0), sp.Integer(0))
+    place = np.zeros(2)
+    for i, point in enumerate(points):
+        mass, length, angle = map(float, (*rng.uniform(0.5, 2.0, 2), rng.uniform(-2.5, 2.5)))
+        own = tuple(q.dot for q in point)
+        # A point mass and a uniform rod to the point before, which couples the velocities of both.
+        kinetic += sum(mass * v**2 / 2 + mass * (v**2 + v * w + w**2) / 12 for v, w in zip(own, velocity, strict=True))
+        potential += 9.81 * mass * point[1] + point[0] ** 2 / 2
+        rods[f"rod{i}"] = sum((p - b) ** 2 for p, b in zip(point, before, strict=True)) - length**2
+        place = place + length * np.array([np.sin(angle), -np.cos(angle)])
+        initial |= dict(zip(point, place.tolist(), strict=True))
+        initial |= {q.dot: float(rng.normal()) for q in point}
+        before, velocity = point, own
+    if seed % 3 == 2:
+        u, w, heading = lg.coordinates("u w heading")
+        order += [u, w, heading]
+        kinetic += (u.dot**2 + w.dot**2 + heading.dot**2 / 3) / 2
+        potential += (u - before[0]) ** 2 + (w - before[1]) ** 2
+        rods["edge"] = u.dot * sp.sin(heading) - w.dot * sp.cos(heading)
+        initial |= {heading: float(rng.uniform(0, 6)), heading.dot: 1.0, u.dot: 0.4}
+    given: dict[str, Any] = {
+        "kinetic": kinetic,
+        "potential": potential,
+        "coordinates": order,
+        "constraints": rods,
+        "name": f"mechanism {seed}",
+    }
+    return lg.System(**given, initial=lg.System(**given, initial=initial).consistent(initial).initial)
+
+
+@cache
+def compiled(seed: int, target: str = "llvm") -> Model:
+    """Return the model of a mechanism."""
+    return mechanism(seed).compile(target)
+
+
+def initial_state(seed: int) -> FloatArray:
+    """Return the initial state of a mechanism, which satisfies its constraints."""
+    return np.array(compiled(seed).statement.initial, dtype=float)

@@ -15,7 +15,7 @@ from sympy import Heaviside, Matrix, simplify
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from tests.export.test_c import run
+from tests.export.callers import run
 from tests.models import LLVM_FIRST, k, phi, x, y
 
 e, i = lg.coordinates("e i")

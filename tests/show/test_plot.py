@@ -1,4 +1,4 @@
-"""Plots: the right panels with the right curves, for few and many coordinates, in a plane and in space."""
+"""Plots: the right panels with the right curves, and their arguments."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from sympy import cos
 
+import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinate
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
-from tests.show.animations import double_pendulum
-from tests.show.examples import free, m, moving, oscillator, solved, x
+from tests.show.examples import double_pendulum, free, k, m, moving, oscillator, solved, x
 
 LINKED = [("origin", "p")]
 
@@ -185,3 +187,226 @@ def test_matplotlib_comes_with_the_first_picture_only_and_none_of_its_global_sta
         "sys.exit('matplotlib.pyplot' in sys.modules or settings() != before)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=600)
+
+
+# --- arguments of a plot: the right rows in the right panels, a user's axes, and refusals ----------------------
+
+
+@pytest.mark.parametrize(
+    ("what", "values"),
+    [
+        ("velocities", lambda t: [-2 * np.sin(2 * t)]),
+        ("x_dot", lambda t: [-2 * np.sin(2 * t)]),
+        (x, lambda t: [np.cos(2 * t)]),
+        (x.ddot, lambda t: [-4 * np.cos(2 * t)]),
+        (k * x**2 / 2, lambda t: [2 * np.cos(2 * t) ** 2]),
+        ("energies", lambda t: [2 * np.sin(2 * t) ** 2, 2 * np.cos(2 * t) ** 2, 2 + 0 * t]),
+        ("invariants", lambda t: [0 * t]),
+        ("drift", lambda t: [0 * t]),
+    ],
+)
+def test_each_thing_that_can_be_asked_for_is_drawn(what: Any, values: Any) -> None:
+    figure = oscillator().plot(what)
+    assert len(figure.axes) == 1
+    for line, row in zip(figure.axes[0].lines, range(9), strict=False):
+        t, result = np.asarray(line.get_xydata()).T
+        np.testing.assert_allclose(result, values(t)[row], atol=1e-12)
+    assert len(figure.axes[0].lines) == len(values(np.zeros(1)))
+
+
+@pytest.mark.parametrize(
+    ("word", "what"), [("phase plane", "phase"), ("phase_plane", "phase"), ("energy", "energies"), ("paths", "path")]
+)
+def test_other_words_for_what_is_shown_mean_the_same(word: str, what: str) -> None:
+    run = lg.scene("pendulum").run(1.0)
+    result, expected = ([line.get_xydata() for line in run.plot(name).axes[0].lines] for name in (word, what))
+    assert len(result) == len(expected) > 0
+    for first, second in zip(result, expected, strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
+def test_a_coordinate_comes_before_another_word_for_what_is_shown() -> None:
+    energy = lg.coordinate("energy")
+    figure = lg.System(energy.dot**2 / 2, initial={energy: 1}, name="named so").run(1.0).plot("energy")
+    np.testing.assert_array_equal(np.asarray(figure.axes[0].lines[0].get_ydata()), 1.0)
+
+
+def test_phase_planes_paths_and_several_panels() -> None:
+    figure = drawn(oscillator(), what=["phase", "coordinates"])
+    time, phase = figure.axes
+    assert (phase.get_xlabel(), phase.get_ylabel()) == ("$x$", "$\\dot{x}$") and time.get_ylabel() == "$x$"
+    q, v = phase.lines[0].get_xydata().T
+    np.testing.assert_allclose(q**2 + v**2 / 4, 1.0, atol=1e-12)
+    only = drawn(double_pendulum(), what="path")
+    assert len(only.axes) == 1 and only.get_figwidth() < 5
+    assert len(drawn(free(4), what="phase", of=["x2", "x4"]).axes) == 2
+
+
+def test_multipliers_and_violations_of_constraints() -> None:
+    run = lg.scene("cartesian-double-pendulum").run(1.0)
+    figure = run.plot(["multipliers", "violation"])
+    assert len(figure.axes) == 3 and [axis.get_ylabel() for axis in figure.axes[:2]] == [
+        "$\\lambda_{\\mathrm{upper}}$",
+        "$\\lambda_{\\mathrm{lower}}$",
+    ]
+    line = figure.axes[0].lines[0]
+    times, result = np.asarray(line.get_xydata()).T
+    np.testing.assert_allclose(result, run.sampled(times).multipliers["upper"], rtol=1e-9)
+
+
+def test_of_a_long_path_the_last_part_is_drawn_and_that_is_said() -> None:
+    run = lg.scene("kepler").run(1000.0)
+    (axis,) = run.plot("path").axes
+    title = axis.get_title("left")
+    assert title.startswith("path from t = ")
+    begun = float(title.split()[4])
+    line = next(line for line in axis.lines if line.get_zorder() == 2)
+    np.testing.assert_allclose(np.asarray(line.get_xydata())[0], run.at(begun)[:2], atol=0.2)
+    assert 0 < begun < 1000 - 20
+    assert run.sampled([0.0, 9.0]).plot("path").axes[0].get_title("left") == "path; open circles: start"
+
+
+def test_fixed_points_are_marks_of_their_own() -> None:
+    (axis,) = lg.scene("kepler").run(2.0).plot("path").axes
+    (sun,) = [line for line in axis.lines if line.get_label() == "sun"]
+    assert sun.get_marker() == "P" and sun.get_linestyle() == "None"
+    np.testing.assert_array_equal(np.asarray(sun.get_xydata()), [[0.0, 0.0]])
+
+
+def test_units_stand_on_the_axes() -> None:
+    run = oscillator(dimensions={m: "kg", k: "N/m", x: "m"})
+    assert run.plot("energies").axes[0].get_title("left") == "energies (J)"
+    axis = run.plot("velocities").axes[0]
+    assert axis.get_ylabel() == "$\\dot{x}$ (m/s)" and axis.get_xlabel() == "t (s)"
+
+
+def test_units_that_follow_from_others_stand_on_the_axes() -> None:
+    g = lg.parameters("g")
+    stated: dict[Any, Any] = {"kinetic": m * x.dot**2 / 2, "potential": m * g * x, "positions": {"ball": (x, 0)}}
+    system = lg.System(**stated, parameters={m: 1, g: 981}, dimensions={m: "g", g: "cm/s**2"})
+    figure = drawn(system.run(1.0), what=["coordinates", "velocities", "path"])
+    labels = [axis.get_ylabel() for axis in figure.axes] + [axis.get_xlabel() for axis in figure.axes]
+    assert {"$x$ (cm)", "$\\dot{x}$ (cm/s)", "x (cm)"} <= set(labels)
+
+
+def test_a_jacobi_integral_has_its_own_letter() -> None:
+    figure = drawn(lg.scene("bead-on-hoop").run(1.0), what="energies")
+    assert [line.get_label() for line in figure.axes[0].get_lines()] == ["$T$", "$V$", "$J$"]
+
+
+def test_it_draws_into_the_axes_of_a_user_and_returns_their_figure() -> None:
+    figure = Figure(figsize=(6, 3), dpi=100)
+    left, right = figure.subplots(1, 2)
+    assert free(3).plot("coordinates", ax=left) is figure
+    assert len(left.lines) == 3 and not right.lines
+    assert [text.get_text() for text in left.get_legend().get_texts()] == ["$x_1$", "$x_2$", "$x_3$"]
+    free(3).plot(["coordinates", "velocities"], of="x3", ax=[left, right])
+    assert len(left.lines) == 4 and len(right.lines) == 1
+
+
+def test_the_size_and_the_style_are_those_asked_for() -> None:
+    figure = oscillator().plot(size=(9, 4), style="dark")
+    assert tuple(figure.get_size_inches()) == (9, 4)
+    assert figure.get_facecolor() == figure.axes[0].get_facecolor() != oscillator().plot().get_facecolor()
+
+
+def test_several_runs_share_panels_and_are_named_by_what_differs() -> None:
+    first, second = oscillator(), oscillator(np.linspace(0.0, 3.0, 31))
+    figure = lg.plot([first, second], labels=["long", "short"])
+    assert [line.get_label() for line in figure.axes[0].lines] == ["long", "short"]
+    assert len({line.get_color() for line in figure.axes[0].lines}) == 2
+    assert figure.get_suptitle() == "oscillator   2 runs"
+    energies = lg.plot([first, second], "energies").axes[0].lines
+    assert [line.get_linestyle() for line in energies] == ["-"] * 3 + ["--"] * 3
+    assert energies[3].get_label() == "$T$ run 2"
+    pendulum = lg.scene("pendulum")
+    by_method = lg.plot([pendulum.run(1.0, method=name) for name in ("taylor", "dop853")], "theta")
+    assert [line.get_label() for line in by_method.axes[0].lines] == ["taylor", "dop853"]
+    by_parameter = lg.plot([pendulum.run(1.0, parameters={"l": length}) for length in (1.0, 2.0)], "theta")
+    assert [line.get_label() for line in by_parameter.axes[0].lines] == ["l = 1", "l = 2"]
+
+
+def test_a_run_from_a_file_is_drawn_at_its_outputs_which_is_said(tmp_path: Any) -> None:
+    run = lg.load(lg.scene("pendulum").run(2.0).to_npz(tmp_path / "run.npz"))
+    axis = run.plot().axes[0]
+    assert axis.get_title("left") == "the outputs, joined by straight lines"
+    np.testing.assert_array_equal(axis.lines[0].get_xdata(), run.t)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"what": "energie"}, r"what = 'energie' is not a quantity to plot: give coordinates, .* a SymPy expression"),
+        ({"what": []}, r"what = \[\] contains no quantity to plot"),
+        ({"what": "path"}, "oscillator has no named points: state positions=.* with what='coordinates'"),
+        ({"what": "multipliers"}, "oscillator has no constraints, and so no multipliers to plot"),
+        ({"what": "violation"}, "oscillator has no constraints, and so no violation"),
+        ({"what": lg.parameters("w")}, "the expression contains w, which this system does not have"),
+        ({"of": "y"}, "of = 'y' is not a coordinate of this system; they are x"),
+        ({"of": []}, r"of = \[\] chooses no coordinate; they are x"),
+        ({"style": "blue"}, "style = 'blue' is not known: give one of light and dark"),
+        ({"size": 3}, "size = 3: give"),
+        ({"dpi": 0}, "dpi = 0: give a whole number from 10"),
+        ({"ax": 3}, "ax is 3: give axes of Matplotlib, or leave it out"),
+        ({"ax": Figure().subplots()}, "ax has 1 panel, but the figure needs 2: choose fewer with what= and of="),
+        ({"what": "x", "ax": Figure().subplots(), "size": (3, 3)}, "size is for a new figure"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(given: Any, message: str) -> None:
+    with pytest.raises(StatementError, match=message):
+        oscillator().plot(**given)
+
+
+def test_what_several_runs_cannot_have_is_refused() -> None:
+    with pytest.raises(StatementError, match="oscillator has the coordinates x and free x1: runs in one figure"):
+        lg.plot([oscillator(), free(1)])
+    with pytest.raises(StatementError, match=r"labels are \['one'\]: give a text for each of 2 runs"):
+        lg.plot([oscillator(), oscillator()], labels=["one"])
+    wrongs: tuple[Any, ...] = ([], [3], 3)
+    for wrong in wrongs:
+        with pytest.raises(StatementError, match="give one solution, or a list of solutions, such as"):
+            lg.plot(wrong)
+    with pytest.raises(StatementError, match="there are 10 phase planes, and a figure has up to 9: choose"):
+        free(10).plot("phase")
+    still = declare(kinetic=x.dot**2 / 2, forces={x: cos(lg.t) - x.dot**3}, name="pushed")
+    run = solved(still, np.linspace(0, 1, 3), lambda t: np.array([np.sin(t), np.cos(t)]))
+    with pytest.raises(StatementError, match="no conserved quantity of pushed was found, so there are no invariants"):
+        run.plot("invariants")
+
+
+def test_an_invariant_that_is_zero_is_said_to_be() -> None:
+    x, y = lg.coordinates("x y")
+    central = lg.System((x.dot**2 + y.dot**2) / 2, (x**2 + y**2) / 2, initial={x: 1.0}, name="central")
+    figure = central.run(1.0).plot("invariants")
+    assert "drift of angular momentum z, which is 0 at every output" in [a.get_title("left") for a in figure.axes]
+
+
+def test_an_invariant_that_is_round_off_is_seen_beside_its_terms() -> None:
+    y = lg.coordinate("y")
+    charge = lg.System(
+        lagrangian=(x.dot**2 + y.dot**2) / 2 + 1.5 * (x * y.dot - y * x.dot) + 0.7 * x,
+        coordinates=[x, y],
+        initial={x: 0.3, y.dot: 0.5},
+        name="drifting charge",
+    )
+    figure = charge.run(6.0).plot("invariants")
+    drifts = [np.abs(np.asarray(line.get_ydata())).max() for axis in figure.axes for line in axis.lines]
+    assert len(drifts) == 3 and max(drifts) < 1e-9
+    assert all("relative to the size of its terms" in axis.get_title("left") for axis in figure.axes)
+    (energy,) = charge.run(1.0).plot("energies").axes
+    assert len(energy.lines) == 1, "a Lagrangian alone has no kinetic and no potential energy"
+
+
+def test_runs_with_several_points_are_told_apart_by_the_kind_of_their_lines() -> None:
+    runs = [double_pendulum(), double_pendulum()]
+    (axis,) = lg.plot(runs, "path", labels=["one", "two"]).axes
+    kinds = {line.get_label(): line.get_linestyle() for line in axis.lines if str(line.get_label())[0] != "_"}
+    assert sorted(set(kinds.values()) - {"None"}) == ["-", "--"] and len(kinds) == 4
+    paths = [line.get_linestyle() for line in axis.lines if line.get_zorder() == 2]
+    assert paths == ["-", "-", "--", "--"]
+
+
+def test_a_figure_that_is_too_small_for_its_panels_is_refused() -> None:
+    with pytest.raises(StatementError, match=r"size = \(3, 2\) leaves no room for 4 panels: give a width of "):
+        double_pendulum().plot(size=(3, 2))
+    drawn(double_pendulum(), what="coordinates", size=(3, 2))

@@ -21,7 +21,7 @@ from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.plan import Planned
 from tests.systems import unit_pendulum
 from tests.trajectory.runs import OUTSIDE
-from tests.trajectory.test_contacts import METHODS, STEPS
+from tests.trajectory.test_constraint_forces import METHODS, STEPS
 
 
 @pytest.fixture(scope="module")

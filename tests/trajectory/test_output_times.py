@@ -24,8 +24,7 @@ from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 from tests.models import TARGETS, VALUES, build, c, g, k, l, m, model, x, y
 from tests.show.examples import oscillator
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, exact, run
-from tests.trajectory.watched import ball, floor
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, ball, exact, floor, run
 
 RNG = np.random.default_rng(5)
 OURS = [name for name in NAMES if not name.startswith(("scipy-", "cvode"))]

@@ -23,8 +23,7 @@ from tests.trajectory.points import (
     oscillator,
     problem,
 )
-from tests.trajectory.runs import OUTSIDE
-from tests.trajectory.watched import FALL, ball, bounces, floor, free, go
+from tests.trajectory.runs import FALL, OUTSIDE, ball, bounces, checked_run, floor, free
 
 SOLVERS: list[Any] = [*map(find, OUTSIDE), *([CVODE("Adams")] if "cvode" in OUTSIDE else [])]
 
@@ -111,7 +110,7 @@ ADAMS: list[Any] = [lg.methods.CVODE(method="Adams")] if "cvode" in OUTSIDE else
 @pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
 def test_a_ball_comes_to_rest_in_words(method: Any, restitution: float, rtol: float) -> None:
     """The ball never falls through the floor. Multistep methods resolve flights down to their tolerance."""
-    result = go(ball(), 100.0, [floor(restitution)], method=method, rtol=rtol, atol=1e-3 * rtol)
+    result = checked_run(ball(), 100.0, [floor(restitution)], method=method, rtol=rtol, atol=1e-3 * rtol)
     assert result.status is Status.STEP_TOO_SMALL and "infinitely many" in result.message
     assert result.y[0].min() > -1e-12 and result.dense(np.linspace(0, result.t[-1], 1000))[0].min() > -rtol
     end, several = FALL * (1 + restitution) / (1 - restitution), method in MULTISTEP or method in ADAMS
@@ -128,11 +127,11 @@ def test_a_ball_comes_to_rest_in_words(method: Any, restitution: float, rtol: fl
 def test_what_failed_beyond_an_event_has_not_happened(method: str) -> None:
     """The force has no value beyond x = 1.05, but an event at x = 1 ends or reflects the motion."""
     model = build(kinetic=x.dot**2 / 2, forces={x: sqrt(1.05 - x) / 10}, initial={x.dot: 1.0})
-    ended = go(model, 3.0, [event(x - 1, terminal=True)], method=method)
+    ended = checked_run(model, 3.0, [event(x - 1, terminal=True)], method=method)
     assert ended.status is Status.EVENT and ended.message == f"{method} stopped at an event at t = {ended.t[-1]:.6g}."
-    turned = go(model, 1.5, [event(x - 1, direction=1, reset={x.dot: -x.dot})], method=method)
+    turned = checked_run(model, 1.5, [event(x - 1, direction=1, reset={x.dot: -x.dot})], method=method)
     assert turned.status is Status.SUCCESS and turned.y[0].max() < 1 + 1e-9 and len(turned.t_events[0]) == 1
-    past = go(model, 3.0, [x - 1], method=method)
+    past = checked_run(model, 3.0, [x - 1], method=method)
     assert past.status is Status.NON_FINITE and len(past.t_events[0]) == 1 and past.t[-1] < 1.1
 
 
@@ -140,7 +139,7 @@ def test_what_failed_beyond_an_event_has_not_happened(method: str) -> None:
 @pytest.mark.parametrize("method", OUTSIDE)
 def test_a_large_time_moves_no_event(method: str, start: float) -> None:
     """The solver's time begins at 0, because the spacing of doubles at the start is 1e-7."""
-    result = go(free(), start + 3.5, [event(x - 1, reset={x: 0})], start, method)
+    result = checked_run(free(), start + 3.5, [event(x - 1, reset={x: 0})], start, method)
     spacing = float(np.spacing(abs(start)))
     assert result.status is Status.SUCCESS
     assert result.t_events[0] - start == pytest.approx([1.0, 2.0, 3.0], abs=1e-13 + 4 * spacing)

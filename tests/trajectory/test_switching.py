@@ -18,8 +18,7 @@ from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, x, y, z
-from tests.trajectory.runs import run
-from tests.trajectory.watched import go
+from tests.trajectory.runs import checked_run, run
 
 
 def particle(potential: Any = 0, force: Any = 0, target: str = "llvm", **initial: float) -> Model:
@@ -50,12 +49,12 @@ def test_a_hundred_periods(potential: Any, start: dict[str, float], period: floa
     """The motion is compared with closed forms at rtol = 1e-12. An error of speed becomes a growing error of phase."""
     count = 100 if target == "llvm" else 3
     model = particle(potential, target=target, **start)
-    result = go(model, count * period, rtol=1e-12)
+    result = checked_run(model, count * period, rtol=1e-12)
     assert result.status is Status.SUCCESS
     assert result.y[:, -1] == pytest.approx(result.y[:, 0], abs=2e-9)
     energy = model.energy(result.y[:1], result.y[1:])
     assert np.ptp(energy) < 1e-11 * energy[0]
-    back = go(model, 0.0, start=3 * period, initial=start)
+    back = checked_run(model, 0.0, start=3 * period, initial=start)
     assert back.y[:, -1] == pytest.approx(result.y[:, 0], abs=1e-9)
 
 
@@ -66,36 +65,36 @@ def test_friction_slips_by_its_law_and_sticks_in_words(target: str) -> None:
     At 0.2 the spring is weaker than friction, and the body sticks.
     """
     model = particle(x**2 / 2, -sign(x.dot) / 2, target, x=3.2)
-    slipping = go(model, 9.0, [x.dot])
+    slipping = checked_run(model, 9.0, [x.dot])
     assert slipping.y_events[0][:, 0] == pytest.approx([-2.2, 1.2], abs=1e-9)
     assert slipping.t_events[0] == pytest.approx([math.pi, 2 * math.pi], abs=1e-9)
     assert slipping.y[0, -1] == pytest.approx(0.5 + 0.7 * math.cos(9.0), abs=1e-9)
-    stuck = go(model, 20.0)
+    stuck = checked_run(model, 20.0)
     assert stuck.status is Status.STEP_TOO_SMALL and stuck.t[-1] == pytest.approx(3 * math.pi, abs=1e-9)
     assert (
         "jump where x_dot is zero, and from t = 9.42478 on they drive x_dot back to zero from both sides"
         in stuck.message
     )
     assert "State dry friction as a contact" in stuck.message and "tanh(v/0.001) in place of sign(v)" in stuck.message
-    ended = go(model, 20.0, [event(x.dot, terminal=3)])
+    ended = checked_run(model, 20.0, [event(x.dot, terminal=3)])
     assert ended.status is Status.EVENT and ended.y[0, -1] == pytest.approx(-0.2, abs=1e-9)
 
 
 def test_sliding_to_rest() -> None:
     """Without another force the body stays at rest, with a weak force it sticks, and a strong force moves it."""
-    rest = go(particle(force=-2 * sign(x.dot), x_dot=4.0), 3.0)
+    rest = checked_run(particle(force=-2 * sign(x.dot), x_dot=4.0), 3.0)
     assert rest.status is Status.SUCCESS and rest.y[:, -1] == pytest.approx([4.0, 0.0], abs=1e-13)
-    held = go(particle(force=1 - 2 * sign(x.dot)), 3.0)
+    held = checked_run(particle(force=1 - 2 * sign(x.dot)), 3.0)
     assert held.status is Status.STEP_TOO_SMALL and held.t[-1] == 0.0 and "sticks there" in held.message
     pushed = Piecewise((5, t > 1), (0, True))
-    moved = go(particle(force=pushed - 2 * sign(x.dot)), 3.0)
+    moved = checked_run(particle(force=pushed - 2 * sign(x.dot)), 3.0)
     assert moved.y[:, -1] == pytest.approx([6.0, 6.0], rel=1e-12)
-    strong = go(particle(force=-3 - 2 * sign(x.dot)), 2.0)
+    strong = checked_run(particle(force=-3 - 2 * sign(x.dot)), 2.0)
     assert strong.y[:, -1] == pytest.approx([-2.0, -2.0], rel=1e-12)
 
 
 def test_chattering_is_said() -> None:
-    result = go(particle(force=-sign(x + x.dot), x=1.0), 10.0)
+    result = checked_run(particle(force=-sign(x + x.dot), x=1.0), 10.0)
     assert result.status is Status.STEP_TOO_SMALL and result.t[-1] == pytest.approx(math.sqrt(3) - 1, rel=1e-12)
     assert "jump where x + x_dot is zero" in result.message
 

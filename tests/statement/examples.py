@@ -1,9 +1,57 @@
-"""Texts that must not become expressions: code, escapes, huge expressions, look-alike characters, nonsense.
-
-CANARY is replaced by the path of a file that must not be created.
-"""
+"""Texts, scene files and systems with inputs for the tests of statements."""
 
 from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sympy import cos, sin
+
+import lagrange as lg
+
+FIELDS: dict[str, Any] = {
+    "name": "pendulum",
+    "coordinates": ["theta"],
+    "kinetic": "m*l**2*theta_dot**2/2",
+    "potential": "-m*g*l*cos(theta)",
+    "forces": {"theta": "-c*theta_dot"},
+    "parameters": {"m": 1.0, "l": 1.0, "g": 9.81, "c": 0.1},
+    "initial": {"theta": 2.0},
+    "positions": {"bob": ["l*sin(theta)", "-l*cos(theta)"]},
+    "links": [["origin", "bob"]],
+    "run": {"t_end": 10.0},
+}
+
+LEAN: dict[str, Any] = {"coordinates": ["theta"], "kinetic": "theta_dot**2/2"}
+"""The least that a scene may hold."""
+
+DROP = object()
+"""As a value: leave the field out."""
+
+
+def toml(value: Any) -> str:
+    """Return a value as TOML. A text becomes a basic string with escaped special characters."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{toml(key)} = {toml(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, str):
+        return '"' + "".join(c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in value) + '"'
+    return json.dumps(value)
+
+
+def write(folder: Path, base: Mapping[str, Any] = FIELDS, **fields: Any) -> Path:
+    """Write a scene with one line for each field, and return its path."""
+    path = folder / "scene.toml"
+    lines = [f"{key} = {toml(value)}" for key, value in {**base, **fields}.items() if value is not DROP]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+# --- texts that must not become expressions: code, escapes, huge expressions, look-alike characters, nonsense ---
+
 
 CANARY = "CANARY"
 
@@ -63,3 +111,35 @@ LOOK_ALIKES = [
 ]
 
 ATTACKS = [*CODE, *OBJECTS, *TEXTS, *SYMPY, *BOMBS, *NONSENSE, *LOOK_ALIKES]
+
+
+# --- A pendulum with open inputs, the pivot X and the torque u, and the same with values -----------------------
+
+
+X, u = lg.given("X"), lg.given("u")
+theta = lg.coordinate("theta")
+m, g, length = lg.parameters("m g l")
+
+VALUES = {X: sin(3 * lg.t) / 5 + lg.t**2, u: -2 + cos(lg.t)}
+BOB: Any = (X + length * sin(theta), -length * cos(theta))
+
+
+def driven() -> lg.System:
+    """Return the pendulum with its inputs left open."""
+    return lg.System(
+        lg.kinetic_energy(m, BOB),
+        lg.gravity(m, BOB, g),
+        forces={theta: u - theta.dot / 10},
+        parameters={m: 1.5, g: 9.81, length: 2},
+        initial={theta: 1},
+        positions={"bob": BOB},
+        name="driven",
+    )
+
+
+def at(t: float) -> dict[str, float]:
+    """Return the values of the inputs and their rates at a time."""
+    pivot: Any = VALUES[X]
+    names = ("X", "X_dot", "X_ddot")
+    result = {name: float(pivot.diff(lg.t, order).subs(lg.t, t)) for order, name in enumerate(names)}
+    return {**result, "u": float(VALUES[u].subs(lg.t, t))}
