@@ -1,7 +1,5 @@
 """What every test shares: no window opens, random examples repeat, and a default run takes few of many cases."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

@@ -6,8 +6,6 @@ The names of the cases decide where to begin, so that each test meets other meth
 machine occurs once in a test: tests of its own hold the two machines together.
 """
 
-from __future__ import annotations
-
 import itertools
 import zlib
 from collections import Counter

@@ -1,7 +1,5 @@
 """A scene file for tests of the command line, and what a refused command says."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ Most texts that a test run compiles occurred in the previous one. The name of a 
 passes, the version of LLVM, the processor, and the source of the module that calls LLVM.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import tempfile

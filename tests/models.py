@@ -1,7 +1,5 @@
 """Systems for tests of several rooms, and their models on both machines."""
 
-from __future__ import annotations
-
 import itertools
 import tomllib
 from collections.abc import Callable

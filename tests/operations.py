@@ -1,7 +1,5 @@
 """The operations of a program in mpmath, in the precision of a context."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The message that refuses a call."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

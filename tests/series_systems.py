@@ -1,7 +1,5 @@
 """Systems for tests of series, and series in multiple precision as an independent judge of recurrences."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Systems for tests of several rooms. A test may replace arguments: `pendulum(initial={theta: 1.0})`."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The command line: output, files, exit codes, and its messages."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import json

@@ -1,7 +1,5 @@
 """The commands of the command line beside `lagrange run`: race, ensemble, grade, and pictures."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """Copies, pickles and saved runs of public objects, in this process and in others."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import io

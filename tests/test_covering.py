@@ -1,7 +1,5 @@
 """A default run takes a sample of a product of parameters; `--remaining` runs the others."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import random

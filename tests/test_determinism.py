@@ -1,7 +1,5 @@
 """The same statement gives the same bytes in every process, for any hash seed, and again in this process."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

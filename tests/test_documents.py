@@ -1,7 +1,5 @@
 """The documentation works: its Python runs, its links are valid, and the files that it names exist."""
 
-from __future__ import annotations
-
 import ast
 import re
 import runpy

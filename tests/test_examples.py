@@ -1,7 +1,5 @@
 """The examples run, and their output is right."""
 
-from __future__ import annotations
-
 import math
 import re
 from itertools import pairwise

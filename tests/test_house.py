@@ -1,7 +1,5 @@
 """Rules of the code base as tests; each rule is shown to fail on a bad example."""
 
-from __future__ import annotations
-
 import ast
 import io
 import re

@@ -1,7 +1,5 @@
 """Signals that end the program: none is lost, and none prints a traceback."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

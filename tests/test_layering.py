@@ -1,7 +1,5 @@
 """Imports point one way, between stages and between rooms, and every module is reachable."""
 
-from __future__ import annotations
-
 import ast
 import re
 import tomllib

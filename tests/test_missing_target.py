@@ -1,7 +1,5 @@
 """Targets whose packages are broken: messages name the package, and do not advise the same target again."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from types import ModuleType

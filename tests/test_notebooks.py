@@ -1,7 +1,5 @@
 """The notebooks run, their statements hold, and they are stored in one format."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

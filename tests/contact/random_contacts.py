@@ -1,7 +1,5 @@
 """Random systems with up to four contacts, and the laws that a run through them obeys."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

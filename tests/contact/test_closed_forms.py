@@ -1,7 +1,5 @@
 """Runs through contacts against motions in closed form."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from typing import Any

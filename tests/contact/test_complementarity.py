@@ -1,7 +1,5 @@
 """Forces of contacts obey their laws, and both ways to find them agree."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Laws of contact on random systems, and on those that once broke them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Contacts and surfaces as they are stated: refusals, scene files, copies, runs by all doors, and drawings."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from typing import Any

@@ -4,8 +4,6 @@ All combinations of states are tried, as Coulomb's and Newton's laws are written
 a belt and a wall that moves.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Systems for the tests of dynamics, each compiled once."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Bifurcation diagrams: period doubling at published values, hysteresis, and branches of equilibria in formulas."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Phase portraits: separatrices, kinds of equilibria, zero lines to rounding, closed orbits, angles."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Quotients are cancelled and sums collected, as in a textbook, without a change of value."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

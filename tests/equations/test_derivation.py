@@ -1,7 +1,5 @@
 """The textbook derivation: printed results, refusals, and cases in which other packages are wrong."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

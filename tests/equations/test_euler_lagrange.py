@@ -1,7 +1,5 @@
 """Equations of motion as nodes, with and without constraints, and what is said about conservation."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The plan of a linear system: the order of its blocks, and the signs of its pivots."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The algebra of the textbook derivation: each rule, and values unchanged by all rules."""
 
-from __future__ import annotations
-
 from itertools import chain
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Small statements for the tests of this folder, and a model with deliberate faults that the check must find."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """The full check: right systems hold, and each kind of fault is found and named."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

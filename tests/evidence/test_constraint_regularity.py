@@ -1,7 +1,5 @@
 """Empty, dependent or contradictory constraints, and motions without inertia, are refused; messages name them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

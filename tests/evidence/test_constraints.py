@@ -1,7 +1,5 @@
 """The checks of systems with constraints: right models pass, and each kind of fault is found."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any

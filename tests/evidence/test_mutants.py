@@ -6,8 +6,6 @@ energies alone: neither the textbook derivation nor another machine helps. A con
 without a mutant, with all that `check` has and at all points.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial

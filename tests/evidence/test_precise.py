@@ -1,7 +1,5 @@
 """Expressions and runs in multiple precision: closed forms to all digits, independent of compiled code."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Reference values agree with symbolic differentiation, and the quick check refuses wrong accelerations."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, cast

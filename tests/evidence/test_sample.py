@@ -1,7 +1,5 @@
 """Random states of systems in any units, and comparisons at them."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import random

@@ -1,7 +1,5 @@
 """A stiff run by an explicit method gets a message about stiffness, and no other run does."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Races: errors against closed forms, failed runs in the table, references, and refusals."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Systems, random graphs, and programs that call exported modules and print what these return."""
 
-from __future__ import annotations
-
 import math
 import random
 import shlex

@@ -1,7 +1,5 @@
 """Contents of exported files: requested languages, awkward names, open inputs, useful tests, comments for readers."""
 
-from __future__ import annotations
-
 import ctypes
 import importlib.util
 import keyword

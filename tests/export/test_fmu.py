@@ -1,7 +1,5 @@
 """FMUs are valid, agree with our runs in FMPy, and report singular states; their sources compile without warnings."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import zipfile

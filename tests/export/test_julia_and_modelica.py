@@ -1,7 +1,5 @@
 """Exported Julia and Modelica, which do not run here: their functions are translated to Python and evaluated."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence

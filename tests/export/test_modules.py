@@ -1,7 +1,5 @@
 """Models exported to the languages that run here: no warnings, right numbers, and a status; features of C."""
 
-from __future__ import annotations
-
 import math
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Programs as text for JAX and CasADi: operations, literals, refusals, self-tests, and the text itself."""
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 import itertools

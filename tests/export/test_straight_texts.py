@@ -1,7 +1,5 @@
 """Features of single languages without loops."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

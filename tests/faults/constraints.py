@@ -1,7 +1,5 @@
 """Faults of constraints and contacts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache

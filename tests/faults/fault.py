@@ -1,7 +1,5 @@
 """Faults: wrong or difficult requests, their allowed outcomes, and the judgement of the run of one method."""
 
-from __future__ import annotations
-
 import faulthandler
 import math
 import re

@@ -1,7 +1,5 @@
 """All faults, and the results of methods on them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from tests.faults.constraints import CONTACTS, MOVED

@@ -1,7 +1,5 @@
 """Faults of the motion: forces outside their domain, blow-up, collisions, singular masses, stiffness, short pulses."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Any

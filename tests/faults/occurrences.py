@@ -1,7 +1,5 @@
 """Faults of events: close roots, roots at the ends of a run or a step, after a reset, and infinitely many."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 

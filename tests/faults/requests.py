@@ -1,7 +1,5 @@
 """Faults of the request: extreme values, wrong steps and tolerances, limits, interruptions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

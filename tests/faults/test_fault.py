@@ -1,7 +1,5 @@
 """The judge of faults, and every registered method on every fault."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Nodes: interning, simplification by constructors, exact constants, binding times, refusals."""
 
-from __future__ import annotations
-
 import math
 import sys
 import threading

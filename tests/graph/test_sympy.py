@@ -1,7 +1,5 @@
 """Conversion from and to SymPy: equal values, equal nodes after a round trip, and refusals."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Random expressions in three forms (graph nodes, SymPy and mpmath), and a simple evaluator of nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Random mechanisms: three coordinates, random energies, up to two constraints, and a state that satisfies them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property

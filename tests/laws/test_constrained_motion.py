@@ -1,7 +1,5 @@
 """Laws of the motion of random mechanisms: along runs, on all machines, in batches, and for compiled derivatives."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

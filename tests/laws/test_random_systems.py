@@ -1,7 +1,5 @@
 """Random systems in a plane: momenta of cyclic coordinates, and series of any order with switches."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Bodies that rotate in space: closed forms, constants of motion, Euler angles, and Euler's equations as printed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Errors within tolerances in any units, and hard cases with a closed form or a published result."""
 
-from __future__ import annotations
-
 import math
 import random
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Random symmetric matrices of several kinds, from a random generator and the number of rows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

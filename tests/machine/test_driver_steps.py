@@ -5,8 +5,6 @@ compared, for all methods with step programs. Steps are accepted, rejected, not 
 short.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Open functions of time as inputs of a model: parameters whose rates may occur in the equations."""
 
-from __future__ import annotations
-
 import pickle
 from functools import cache
 from typing import Any

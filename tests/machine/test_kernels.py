@@ -1,7 +1,5 @@
 """Kernels of systems with constraints against dense linear algebra, and the quick way of calls with plain arrays."""
 
-from __future__ import annotations
-
 import gc
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence

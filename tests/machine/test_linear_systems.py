@@ -1,7 +1,5 @@
 """Symmetric linear systems inside kernels: all sizes, definite or not, singular or not, single and in columns."""
 
-from __future__ import annotations
-
 import ctypes
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Models on both machines: equal results for one state and in columns, all outputs, and error messages."""
 
-from __future__ import annotations
-
 import pickle
 import threading
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 There is one case for each rule, since runs reach some rules only by chance. All printers of the procedure decide alike.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache

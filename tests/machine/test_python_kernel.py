@@ -1,7 +1,5 @@
 """Printed Python gives the results of the interpreter, also for undefined values and zero pivots."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

@@ -1,7 +1,5 @@
 """Compiled series and polynomials of steps, and procedures for many members, equal those of the interpreter."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle

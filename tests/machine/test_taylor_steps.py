@@ -5,8 +5,6 @@ series that terminate, fail, overflow, meet a wall, or have gaps, in any units, 
 different machines differ by rounding.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

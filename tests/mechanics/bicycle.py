@@ -1,7 +1,5 @@
 """The Whipple bicycle of the benchmark by Meijaard, Papadopoulos, Ruina and Schwab, stated in eight coordinates."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import sympy

@@ -1,7 +1,5 @@
 """Settings of the tests of mechanics."""
 
-from __future__ import annotations
-
 import pytest
 
 from lagrange.mechanics.grading import term_difference

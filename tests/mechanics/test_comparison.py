@@ -1,7 +1,5 @@
 """Students' equations: equivalent ones are right, in others the wrong term is named; answers as people type them."""
 
-from __future__ import annotations
-
 import math
 import random
 import re

@@ -1,7 +1,5 @@
 """Conserved quantities in any statement of a system, and Hamilton's form."""
 
-from __future__ import annotations
-
 import pickle
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Equilibria in symbols and by number, and analyses with given functions."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from typing import Any

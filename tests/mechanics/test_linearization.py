@@ -1,7 +1,5 @@
 """Linear equations about a point or a motion, with constraints, and systems expanded about a point."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from typing import Any

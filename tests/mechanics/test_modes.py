@@ -1,7 +1,5 @@
 """Small oscillations in symbols and numbers, and verdicts on stability that claim no more than they know."""
 
-from __future__ import annotations
-
 import pickle
 from itertools import pairwise
 from typing import Any

@@ -1,7 +1,5 @@
 """Smaller and other forms with the same motion: eliminated and new coordinates, Routh's procedure."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

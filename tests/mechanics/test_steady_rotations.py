@@ -1,7 +1,5 @@
 """Steady rotations of a body: turns about an axis of space, and precessions, against closed forms."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

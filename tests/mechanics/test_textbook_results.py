@@ -4,8 +4,6 @@ Landau is L. D. Landau, E. M. Lifshitz, Mechanics, 3rd ed., 1976; Goldstein is H
 Classical Mechanics, 3rd ed., 2002; Szebehely is V. Szebehely, Theory of Orbits, 1967.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Random and regular mechanisms, and motions formulated without multipliers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Every scene with constraints, or without inertia, formulated independently: reduced, by Kane's method, or by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

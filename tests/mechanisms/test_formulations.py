@@ -1,7 +1,5 @@
 """Scenes with constraints have the motion of an independent formulation; multipliers are forces with right signs."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Wrong starts, grids, samples, executors and stores are refused with messages."""
 
-from __future__ import annotations
-
 import json
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache

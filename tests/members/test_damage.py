@@ -1,7 +1,5 @@
 """Missing or changed files of a store, and full disks: the same call runs members again, or reports the damage."""
 
-from __future__ import annotations
-
 import errno
 import shutil
 from collections.abc import Callable

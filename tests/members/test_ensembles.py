@@ -1,7 +1,5 @@
 """Ensembles: each member equals its single run, whatever the other members do and however they are divided."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import re

@@ -1,7 +1,5 @@
 """Members with a fault beside healthy ones: each ends as its single run does, with the same message."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

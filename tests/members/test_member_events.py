@@ -1,7 +1,5 @@
 """Events of members in lanes, and reductions of runs, equal those of single runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Stores and executors: the same bytes wherever members run, and however often a call is stopped and repeated."""
 
-from __future__ import annotations
-
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor

@@ -1,7 +1,5 @@
 """Only one call at a time writes to a store. A killed call does not block later ones."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -4,8 +4,6 @@ The name of a mutant is a hash of the seed, the file, the function and the chang
 has the mutants with the smallest names, so that it stays nearly the same when other source lines are edited.
 """
 
-from __future__ import annotations
-
 import ast
 import hashlib
 import re

@@ -1,7 +1,5 @@
 """Selection and order of the tests for a mutant: tests that call its function, nearest and cheapest first."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -9,8 +9,6 @@ the running test to FILE.now. A test that takes far longer than FILE says ends t
 limit is in processor time, so that other work on the machine does not count. It also stops endless machine code.
 """
 
-from __future__ import annotations
-
 import json
 import resource
 import signal

@@ -1,7 +1,5 @@
 """Tests of the mutants: each has one change, all kinds occur, and names do not depend on edits elsewhere."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

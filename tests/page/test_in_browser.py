@@ -1,7 +1,5 @@
 """The page in Chromium: it moves like our runs, reacts to sliders, keys and touch, and runs only its own code."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """The page as a file: its contents, its permissions, and refusals."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Plain procedures that use every construct of the front end."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Random plain procedures as Python text, in which branches, loops and reductions assign names in all ways."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import random

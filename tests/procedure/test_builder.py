@@ -1,7 +1,5 @@
 """Procedures made by the builder, and refusals of the builder and the verifier."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache

@@ -1,7 +1,5 @@
 """Printers and the interpreter agree on sums of products; the loop of the projection."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from typing import Any

@@ -1,7 +1,5 @@
 """All ways to run plain procedures: as Python, interpreted, printed as Python, compiled."""
 
-from __future__ import annotations
-
 import importlib.util
 import linecache
 import math

@@ -1,7 +1,5 @@
 """Root isolation as a procedure: printers and interpreter agree, for ordinary and extreme polynomials."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ Values are read in their scope only, every path returns the results, only writab
 any order do not depend on one another. Kinds of operands are not checked: the builder has made the operands.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 

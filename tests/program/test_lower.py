@@ -1,7 +1,5 @@
 """Programs of equations: how expressions become procedures, and values on both sides of a switch."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import sys

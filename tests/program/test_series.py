@@ -1,7 +1,5 @@
 """Programs of series and steps."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from itertools import permutations

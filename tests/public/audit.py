@@ -4,8 +4,6 @@ It runs as a program in its own folder and process: some calls write files named
 be removed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import resource

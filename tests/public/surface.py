@@ -1,7 +1,5 @@
 """All public callables of the package, and valid arguments for each of them."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """All arrays given by users obey one rule: states, parameters, times, references."""
 
-from __future__ import annotations
-
 import inspect
 import itertools
 import json

@@ -1,7 +1,5 @@
 """Wrong calls of all public functions: each raises an error of this package, or TypeError for a wrong signature."""
 
-from __future__ import annotations
-
 import inspect
 import random
 import resource

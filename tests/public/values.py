@@ -1,7 +1,5 @@
 """Values of all kinds that a user may pass by mistake, and some valid ones."""
 
-from __future__ import annotations
-
 import itertools
 from collections import deque
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Systems and states for the comparison of recipes with the model, and the allowed differences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Every recipe gives the results of the model, for all scenes and random systems."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import Any

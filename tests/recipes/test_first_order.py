@@ -1,7 +1,5 @@
 """States of first order, whose velocities follow from the coordinates, started with velocities of zero."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

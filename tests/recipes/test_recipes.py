@@ -1,7 +1,5 @@
 """The functions for JAX, CasADi and scipy.integrate: values, shapes, refusals, pickles."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import math

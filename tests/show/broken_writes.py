@@ -4,8 +4,6 @@ Its arguments are an empty folder, the kind of change (together, single), and on
 Each cause gets its own folder.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Solutions with known motions, animations and their data, and distances from polylines, for tests of pictures."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -1,7 +1,5 @@
 """Animations: frames, drawn objects, refusals, and files that are written completely or not at all."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Derivations on paper: stored pages, their structure, and texts that must not occur in them."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Formulas as a book prints them, and the formulas of all scenes' pages by number."""
 
-from __future__ import annotations
-
 import io
 import re
 import sys

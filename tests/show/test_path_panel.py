@@ -1,7 +1,5 @@
 """The panel of paths and the phase plane: labels, space around marks, and small motions far from the origin."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

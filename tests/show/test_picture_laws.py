@@ -1,7 +1,5 @@
 """Laws of all pictures and their parts: curves within a pixel, labels without overlap, springs, bodies."""
 
-from __future__ import annotations
-
 import io
 import pickle
 import struct

@@ -1,7 +1,5 @@
 """Plots: the right panels with the right curves, and their arguments."""
 
-from __future__ import annotations
-
 import io
 import subprocess
 import sys

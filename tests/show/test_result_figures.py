@@ -1,7 +1,5 @@
 """Pictures, cards and tables of dynamics, ensembles and races."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """A solution: rows by name, states in between, energy, expressions, the status card, tables and files."""
 
-from __future__ import annotations
-
 import csv
 import errno
 import io

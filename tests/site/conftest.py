@@ -1,7 +1,5 @@
 """The modules that build the documentation site, which are scripts and no package."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path

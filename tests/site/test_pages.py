@@ -1,7 +1,5 @@
 """The pages that are made for the documentation site: every public name has a place, every link its target there."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Texts, scene files and systems with inputs for the tests of statements."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The names that the tests of the text reader declare."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import sympy

@@ -1,7 +1,5 @@
 """The checks that turn a user's arguments into a statement."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

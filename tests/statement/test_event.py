@@ -1,7 +1,5 @@
 """Statements of events: accepted forms, and all refusals."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from typing import Any

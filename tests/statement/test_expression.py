@@ -1,7 +1,5 @@
 """The conversion to SymPy expressions, and values that are refused before SymPy reads them."""
 
-from __future__ import annotations
-
 import itertools
 from array import array
 from collections import deque

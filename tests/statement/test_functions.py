@@ -1,7 +1,5 @@
 """Functions in statements: given functions of time, tables, elementary functions, and Mod."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from functools import partial

@@ -1,7 +1,5 @@
 """Statements with rotations, and energies of standard parts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scene files: their contents, and all refusals."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Statements as scene files, the scene library, and one rule for names."""
 
-from __future__ import annotations
-
 import keyword
 import math
 import pickle

@@ -1,7 +1,5 @@
 """The meaning of expressions given as text, and refused expressions."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 import time

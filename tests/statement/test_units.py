@@ -1,7 +1,5 @@
 """Units and dimensions: terms with different units are refused in all fields."""
 
-from __future__ import annotations
-
 import math
 import pickle
 import re

@@ -1,7 +1,5 @@
 """Statements whose derivations are compared with SymPy's, and the values of expressions at a point."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import Any

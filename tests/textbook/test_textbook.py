@@ -1,7 +1,5 @@
 """The derivation of textbook systems, and of random ones, against SymPy's own mechanics."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import cache

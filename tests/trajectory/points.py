@@ -1,7 +1,5 @@
 """A point on a line whose acceleration may fail, for tests of solvers of other packages."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

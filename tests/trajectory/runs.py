@@ -1,7 +1,5 @@
 """Runs for the tests of this folder: methods with equal steps, systems with constraints, runs with events."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

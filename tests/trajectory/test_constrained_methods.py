@@ -1,7 +1,5 @@
 """Methods with multipliers against their claims, singular configurations on the way, equations of first order."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Runs of systems with constraints: every method follows the motion, or refuses the system with a message."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Multipliers and constraint forces of a run, contacts that touch at the start, and invalid requests."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

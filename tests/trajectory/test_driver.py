@@ -1,7 +1,5 @@
 """The loop over steps: both machines take the same steps, and each end of a run has the right status."""
 
-from __future__ import annotations
-
 import math
 import sys
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Limits of time and memory: how a run ends at a limit, and which states it keeps."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Each method is tested against its formula and its claims: order, symplecticity, symmetry, energy, and refusals."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Points without a Taylor series, and branches of a Piecewise that do not apply."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

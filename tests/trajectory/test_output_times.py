@@ -1,7 +1,5 @@
 """Output times of all methods: the run and its dense output give the same bits, and a run can store outputs alone."""
 
-from __future__ import annotations
-
 import pickle
 from functools import partial
 from pathlib import Path

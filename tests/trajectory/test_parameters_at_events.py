@@ -1,7 +1,5 @@
 """Events that set parameters, and events located by the compiled loop over steps."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import math

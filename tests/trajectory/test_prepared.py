@@ -1,7 +1,5 @@
 """Drivers kept by a model: no run affects the next one, a second run prepares nothing; invalid requests."""
 
-from __future__ import annotations
-
 import math
 import sys
 import time

@@ -1,7 +1,5 @@
 """Methods by name, by instance and by users, and the table of their claims."""
 
-from __future__ import annotations
-
 import inspect
 import math
 import sys

@@ -1,7 +1,5 @@
 """Root isolation: each root is found once, with its direction, on one step and at the ends of steps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The trajectory that a run returns, and default absolute tolerances."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Solvers of other packages as methods: properties of all of them. `tests/faults` tests how their runs end."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from typing import Any

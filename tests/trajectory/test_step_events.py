@@ -1,7 +1,5 @@
 """Events of all methods: located on the dense output of steps, and by the compiled loop over Taylor steps."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

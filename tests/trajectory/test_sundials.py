@@ -1,7 +1,5 @@
 """CVODE as a method: every run ends with a status, keeps its states, and prints nothing."""
 
-from __future__ import annotations
-
 import itertools
 import sys
 import threading

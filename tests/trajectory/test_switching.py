@@ -1,7 +1,5 @@
 """Switching surfaces: the run ends a step on each surface and continues on its other side, or ends with a message."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

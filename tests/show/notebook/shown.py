@@ -1,7 +1,5 @@
 """What is common to the tests of notebooks: hostile names, and the size of what is shown."""
 
-from __future__ import annotations
-
 import base64
 import re
 from typing import Any

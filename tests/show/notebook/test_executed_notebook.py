@@ -1,7 +1,5 @@
 """A notebook that imports nothing but lagrange and SymPy, run by a kernel: each cell that shows something shows it."""
 
-from __future__ import annotations
-
 from functools import cache
 from importlib.util import find_spec
 from typing import Any

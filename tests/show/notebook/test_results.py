@@ -1,7 +1,5 @@
 """A law over all public result types: readable in text, and in a notebook bounded and without anybody's markup."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import re

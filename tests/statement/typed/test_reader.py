@@ -1,7 +1,5 @@
 """Equations as people type them: what is read, in which of two ways, and what is refused with all its faults."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 
