@@ -298,6 +298,7 @@ def test_a_wrong_mass_matrix_does_not_excuse_wrong_accelerations(monkeypatch: py
     assert QUANTITIES["accelerations"] in failing(along_directions(model, monkeypatch))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("scene", ["double-pendulum", "four-bar", "knife-edge", "free-top"])
 def test_right_systems_hold_along_a_direction(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lagrange.evidence.check.MOST_WORK", 1)

@@ -352,6 +352,7 @@ def test_a_whole_derivation_is_an_answer(name: str, style: str) -> None:
     assert system.compare(system.derivation().written(style))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("style", ["text", "latex", "markdown"])
 def test_a_derivation_with_a_case_distinction_is_an_answer(style: str) -> None:
     x, (m, k, l) = lg.coordinate("x"), lg.parameters("m k l")

@@ -35,6 +35,7 @@ def test_a_free_body_turns_about_its_principal_axes() -> None:
         assert each.stable is (axis != 1)
 
 
+@pytest.mark.slow
 def test_a_heavy_top_hangs_stands_or_leans() -> None:
     """It leans at cos(tilt) = -m g a/((J1 - J3) w^2), and stands if J3^2 w^2 > 4 m g a J1 (Landau, section 35)."""
     top = body((J1, J1, J3), m * g * a * R[2, 2], parameters=VALUES)

@@ -80,9 +80,6 @@ def test_constraints_hold_to_round_off_at_every_step(method: str, name: str, tar
     assert phi.max() < 2 * 32 * 2.0**-52 and psi.max() < 10 * 32 * 2.0**-52
 
 
-# --- the symplectic form, in reduced coordinates ---------------------------------------------------------------
-
-
 # --- where they end, and their path ----------------------------------------------------------------------
 
 

@@ -191,14 +191,7 @@ METHODS: list[tuple[str, dict[str, Any]]] = [
 
 
 def run(end: float, *events: lg.Event, **options: Any) -> lg.Solution:
-    pendulum = lg.System(
-        kinetic=m * (x.dot**2 + y.dot**2) / 2,
-        potential=m * g * y,
-        constraints={"rod": x**2 + y**2 - l**2},
-        parameters={m: 1, g: 9.81, l: 1},
-        initial={x: 0.6, y: -0.8},
-    )
-    return pendulum.run(end, events=events, **options)
+    return rod_pendulum().run(end, events=events, **options)
 
 
 OFF = [
@@ -261,17 +254,11 @@ def test_a_run_may_end_behind_a_reset_where_all_terms_are_round_off(method: str)
 
 
 ROD = x**2 + y**2 - l**2
+LENGTH = {m: 1.3, g: 9.81, l: 1.0}
 
 
 def pendulum(constraints: Any, **options: Any) -> lg.System:
-    return lg.System(
-        kinetic=m * (x.dot**2 + y.dot**2) / 2,
-        potential=m * g * y,
-        constraints=constraints,
-        parameters={m: 1.3, g: 9.81, l: 1.0},
-        initial={x: 0.6, y: -0.8},
-        **options,
-    )
+    return rod_pendulum(constraints=constraints, parameters=LENGTH, **options)
 
 
 ALONE = pendulum({"rod": ROD})
@@ -338,9 +325,6 @@ def test_all_of_them_must_hold_at_the_start() -> None:
 
 
 # --- initial states on the constraints: the nearest one, the note about a moved state, and refusals ------------
-
-
-LENGTH = {m: 1.3, g: 9.81, l: 1.0}
 
 
 def particle(constraint: Any = None, **options: Any) -> lg.System:

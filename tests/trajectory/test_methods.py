@@ -501,9 +501,6 @@ def test_a_rock_without_air(end: float, target: str) -> None:
     assert (np.abs(middle - halves.sum(axis=1)) <= np.spacing(np.abs(halves).max(axis=1))).all()
 
 
-# --- tolerances -----------------------------------------------------------------------------------------------
-
-
 # --- ends -----------------------------------------------------------------------------------------------------
 
 STOPPED = (Status.STEP_TOO_SMALL, Status.NON_FINITE)
@@ -517,6 +514,3 @@ def test_coefficients_that_overflow(start: float, after: float, target: str) -> 
     result = run(steep, 1.0, "taylor", max_steps=10_000)
     assert result.status in STOPPED and np.isfinite(result.y).all() and 0 <= result.t[-1] < after
     assert "taylor stopped at t = " in result.message and ("x is" in result.message or "x_dot is" in result.message)
-
-
-# --- flows ----------------------------------------------------------------------------------------------------
