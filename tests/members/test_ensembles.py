@@ -499,9 +499,7 @@ KEPT: dict[str, tuple[Any, Any]] = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "which", ["occurrences", *(pytest.param(name, marks=pytest.mark.slow) for name in [*KEPT][:-1])]
-)
+@pytest.mark.parametrize("which", KEPT)
 def test_a_store_of_other_expressions_is_refused(tmp_path: Path, which: str) -> None:
     pytest.importorskip("zarr")
     first, other = KEPT[which]

@@ -26,8 +26,6 @@ METHODS: dict[str, dict[str, Any]] = {
     **EQUAL_STEPS,
 }
 """Series; steps with their errors under control, which cubics screen, and equal ones; paths by stages and by slopes."""
-FIRST = [pytest.param(name, marks=[pytest.mark.slow] * (k > 0)) for k, name in enumerate(METHODS)]
-"""Machine code for lanes with events takes a second and more to compile: a default run has one method."""
 
 
 @cache
@@ -110,8 +108,8 @@ that is as right as the tolerance of 1e-10 makes it."""
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", list(HENON))
-@pytest.mark.parametrize("end", [20.0, pytest.param(-7.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("method", FIRST)
+@pytest.mark.parametrize("end", [20.0, -7.0])
+@pytest.mark.parametrize("method", METHODS)
 def test_events_of_a_member_are_those_of_its_run(
     case: str, end: float, method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -161,7 +159,7 @@ def random_ensemble(rng: np.random.Generator) -> tuple[lg.System, dict[str, Any]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
+@pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("method", EQUAL_STEPS)
 def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
     method: str, seed: int, monkeypatch: pytest.MonkeyPatch
@@ -181,7 +179,7 @@ def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", FIRST)
+@pytest.mark.parametrize("method", METHODS)
 def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """As in a run, zeros at the start are no events, and zeros at the end are."""
     (y,) = ball().coordinates

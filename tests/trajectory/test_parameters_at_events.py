@@ -23,6 +23,7 @@ from lagrange.trajectory import run as runs
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import Trajectory
 from tests.models import build, model
+from tests.systems import rod_pendulum
 from tests.trajectory.runs import FALL, FIXED, IMPLICIT, SPLITTINGS, STEPPED, G, ball, floor, run
 
 x, y = lg.coordinates("x y")
@@ -117,13 +118,7 @@ def test_events_at_one_time_all_act_on_the_state_and_the_parameters_before() -> 
 
 
 def test_a_rod_whose_length_changes_ends_the_run_and_a_force_changes_the_multiplier() -> None:
-    pendulum = lg.System(
-        m * (x.dot**2 + y.dot**2) / 2,
-        m * g * y,
-        constraints={"rod": x**2 + y**2 - l**2},
-        parameters={m: 1, g: 1, l: 1},
-        initial={x: 0, y: -1},
-    )
+    pendulum = rod_pendulum(parameters={m: 1, g: 1, l: 1}, initial={x: 0, y: -1})
     run = pendulum.run(2.0, events=[lg.event(lg.t - 1, reset={g: 3})])
     assert run.status is lg.Status.SUCCESS
     # At rest the rod carries 2 lambda y = m g.
