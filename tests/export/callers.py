@@ -223,10 +223,7 @@ int main(void) {{
         run="    {{ double t[] = {{{t}}}, y[] = {{{y}}}; int64_t status = "
         "{module}_{name}(t, {end}, y, p, 1e-10, 1e-10, 10000); TOLD }}",
         tail="    return 0;\n}\n",
-        commands=(
-            "cc -std=c99 -O1 -o caller {module}.c caller.c -lm",
-            "./caller",
-        ),
+        commands=("cc -std=c99 -O1 -o caller {module}.c caller.c -lm", "./caller"),
         strict=("cc -std=c99 -O1 -Wall -Wextra -Wconversion -Werror -c {module}.c",),
     ),
 }

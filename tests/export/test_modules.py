@@ -372,13 +372,7 @@ int main(int count, char **words) {{
 }}
 """)
     run("cc -O1 -o start start.c cartesian_pendulum.c -lm", tmp_path)
-    assert [run(f"./start {off}", tmp_path) for off in ("0", "1e-9", "1e-3", "0.2", "nan")] == [
-        "0",
-        "0",
-        "9",
-        "9",
-        "9",
-    ]
+    assert [run(f"./start {off}", tmp_path) for off in ("0", "1e-9", "1e-3", "0.2", "nan")] == ["0", "0", "9", "9", "9"]
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")

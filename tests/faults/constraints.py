@@ -204,12 +204,7 @@ def rebound(times: FloatArray) -> FloatArray:
     """Return the states of a fall from height 1 with one impact of restitution 0.5."""
     hit, g = np.sqrt(2), times - np.sqrt(2)
     late = times > hit
-    return np.array(
-        [
-            np.where(late, hit / 2 * g - g**2 / 2, 1 - times**2 / 2),
-            np.where(late, hit / 2 - g, -times),
-        ]
-    )
+    return np.array([np.where(late, hit / 2 * g - g**2 / 2, 1 - times**2 / 2), np.where(late, hit / 2 - g, -times)])
 
 
 CONTACTS = (

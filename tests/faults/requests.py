@@ -76,14 +76,7 @@ REQUESTS = (
         refusal=("", NOT_OF_A_FIXED_STEP),
         statuses=(*NO_NUMBER, *GAVE_UP),
     ),
-    Fault(
-        "long step",
-        "step = 1 for a run of 0.01",
-        bob,
-        end=0.01,
-        step=1.0,
-        truth=cosine,
-    ),
+    Fault("long step", "step = 1 for a run of 0.01", bob, end=0.01, step=1.0, truth=cosine),
     Fault("no span", "a run from 0 to 0", bob, end=0.0, truth=cosine),
     Fault("backwards", "a run from 0 to -3", bob, end=-3.0, truth=cosine, rough=0.05),
     Fault(
@@ -105,11 +98,7 @@ REQUESTS = (
         window=(0.0, 1e-300),
     ),
     Fault(
-        "tiny",
-        "x = 1e-300, whose square no double holds",
-        bob,
-        options={"initial": {x: 1e-300}},
-        truth=scaled(1e-300),
+        "tiny", "x = 1e-300, whose square no double holds", bob, options={"initial": {x: 1e-300}}, truth=scaled(1e-300)
     ),
     Fault(
         "late",

@@ -50,10 +50,7 @@ swaying = a * cos(omega * lg.t) + l * sin(theta), -l * cos(theta)
 
 TYPED: dict[str, Callable[[], lg.System]] = {
     "oscillator": lambda: lg.System(
-        half * m * x.dot**2,
-        k * x**2 / 2 - m * g * x,
-        forces={x: F * cos(w * lg.t)},
-        dissipation=c * x.dot**2 / 2,
+        half * m * x.dot**2, k * x**2 / 2 - m * g * x, forces={x: F * cos(w * lg.t)}, dissipation=c * x.dot**2 / 2
     ),
     "morse": lambda: lg.System(half * m * r.dot**2, D * (1 - sp.exp(-a * r)) ** 2),
     "orbit": lambda: lg.System(

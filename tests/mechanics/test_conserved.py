@@ -227,8 +227,7 @@ def test_terms_linear_in_velocities_leave_the_names_of_momenta() -> None:
     inertia, axial = lg.parameters("inertia axial")
     kinetic = inertia * (theta.dot**2 + (phi.dot * sin(theta)) ** 2) / 2
     top = lg.System(
-        kinetic + axial * (psi.dot + phi.dot * cos(theta)) ** 2 / 2,
-        coordinates=[theta, phi, psi],
+        kinetic + axial * (psi.dot + phi.dot * cos(theta)) ** 2 / 2, coordinates=[theta, phi, psi]
     ).routhian(psi)
     assert [item.name for item in top.conserved()] == ["energy", "p_phi", "angular momentum x", "angular momentum y"]
     flat = lg.System(m * (r.dot**2 + r**2 * phi.dot**2) / 2 + g * r**2 * phi.dot, coordinates=[r, phi], initial={r: 1})

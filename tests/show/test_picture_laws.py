@@ -478,16 +478,8 @@ still = { shape = "box", size = 2 }
 REFUSED_SCENES: dict[str, tuple[str, str, str]] = {
     "another key": ('shape = "box"', 'shape = "box", side = 2', "side.*is not a key of a shape"),
     "no size": ('shape = "box", size = 2', 'shape = "box"', 'has no shape or no size: write shape = "disc" and size'),
-    "another rotation": (
-        'rotation = "R"',
-        'rotation = "S"',
-        "the rotation of a shape must be one of this scene: R",
-    ),
-    "in the plane": (
-        "[positions]",
-        '[positions]\\ntip = ["x", "y"]',
-        "positions mixes points in the plane",
-    ),
+    "another rotation": ('rotation = "R"', 'rotation = "S"', "the rotation of a shape must be one of this scene: R"),
+    "in the plane": ("[positions]", '[positions]\\ntip = ["x", "y"]', "positions mixes points in the plane"),
 }
 
 

@@ -126,10 +126,7 @@ def test_a_table_is_a_spline_whose_first_two_derivatives_are_continuous(method: 
 
 def test_a_function_that_nobody_declared_is_asked_about() -> None:
     clear_cache()  # SymPy may keep an equal function of theta of another test, which `coordinate` did not make
-    u, question = (
-        Function("undeclared")(t),
-        "Is undeclared a coordinate or a given motion? Add lg.coordinate(",
-    )
+    u, question = (Function("undeclared")(t), "Is undeclared a coordinate or a given motion? Add lg.coordinate(")
     assert question in refusal(lambda: pendulum(u))
     assert question in refusal(lambda: pendulum(u, coordinates=[theta]))
     assert question in refusal(lambda: pendulum(0, forces={theta: u}))

@@ -394,10 +394,7 @@ EVENTS: dict[str, tuple[Any, str]] = {
     "reset": (lg.event(x, reset={"x_dot": -a * w}), rf"the reset of event 0 has the term -a\*w{OTHER}"),
     "angle": (cos(w * lg.t) - x / a, rf"event 0 has the term cos\(t\*w\){OTHER}"),
     "multiplier": (lg.multiplier("wire") * a - F * x, rf"event 0 has the term -F\*x{OTHER}"),
-    "time": (
-        lg.t - u,
-        rf"event 0 has the term -u{OTHER}60 times that of the other terms: state u in s instead of",
-    ),
+    "time": (lg.t - u, rf"event 0 has the term -u{OTHER}60 times that of the other terms: state u in s instead of"),
     "ratio of times": (lg.t / u - 2, rf"event 0 has the term t/u{OTHER}"),
     "time as reset": (lg.event(x, reset={u: lg.t}), rf"the reset of event 0 has the term t{OTHER}"),
 }

@@ -441,10 +441,7 @@ REFUSED: list[tuple[Callable[[], str], tuple[str, ...]]] = [
     ),
     (
         lambda: refusal(particle().consistent, {x: 1.2}, hold=[x]),
-        (
-            "no state near the one given satisfies the constraint 'rod'",
-            "Hold fewer values (held: x), or give others.",
-        ),
+        ("no state near the one given satisfies the constraint 'rod'", "Hold fewer values (held: x), or give others."),
     ),
     (
         lambda: refusal(particle(x**2 + y**2 + l**2).consistent, {x: 1.2}),
@@ -452,10 +449,7 @@ REFUSED: list[tuple[Callable[[], str], tuple[str, ...]]] = [
     ),
     (
         lambda: refusal(particle().consistent, {x: 0.0, y: 0.0}),
-        (
-            "'rod' (-l**2 + x**2 + y**2) stays at -1",
-            "All its derivatives vanish there: give a state away from it.",
-        ),
+        ("'rod' (-l**2 + x**2 + y**2) stays at -1", "All its derivatives vanish there: give a state away from it."),
     ),
     (
         lambda: started(sqrt(x**2 + y**2) - l, {x: 0.0, y: 0.0}),

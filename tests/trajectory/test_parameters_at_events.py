@@ -134,10 +134,7 @@ def test_a_rod_whose_length_changes_ends_the_run_and_a_force_changes_the_multipl
 
 @pytest.mark.parametrize(
     ("value", "status", "said"),
-    [
-        (1 / x, lg.Status.NON_FINITE, "gives a state that is nan or infinite"),
-        (-k, lg.Status.DIVERGED, "k"),
-    ],
+    [(1 / x, lg.Status.NON_FINITE, "gives a state that is nan or infinite"), (-k, lg.Status.DIVERGED, "k")],
 )
 def test_a_value_that_is_none_ends_the_run(value: Any, status: lg.Status, said: str) -> None:
     run = spring.run(9.0, {x: 0, x.dot: 0}, events=[lg.event(lg.t - 1, reset={k: value})])

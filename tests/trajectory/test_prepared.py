@@ -371,10 +371,7 @@ def coupled() -> lg.System:
         ({"method": "rk4", "step": 1e-30}, "step = 1e-30 is below the spacing of floating-point times"),
         ({"rtol": -1e-3}, "rtol = -0.001: give a finite tolerance that is not negative"),
         ({"atol": float("nan")}, "atol = nan: give a finite tolerance that is not negative"),
-        (
-            {"rtol": [1e-9, 1e-9]},
-            "rtol is [1e-09, 1e-09]: give one number, which holds for all entries of the state",
-        ),
+        ({"rtol": [1e-9, 1e-9]}, "rtol is [1e-09, 1e-09]: give one number, which holds for all entries of the state"),
         ({"atol": np.array([1e-9])}, "atol is array([1.e-09]): give one number, which holds for all entries"),
         ({"atol": "a", "method": "dop853"}, "atol is 'a' (str): give a number"),
         ({"rtol": True}, "rtol is True (bool): give a number"),
@@ -402,10 +399,7 @@ def coupled() -> lg.System:
         ({"max_memory": 0}, "max_memory = 0: give a positive number of bytes"),
         ({"max_memory": "1"}, "'1'"),
         ({"max_wall": -1.0}, "max_wall = -1: give a positive number of seconds"),
-        (
-            {"parameters": {"mm": 2.0}},
-            "'mm' is not a parameter of this system; its parameters are m,",
-        ),
+        ({"parameters": {"mm": 2.0}}, "'mm' is not a parameter of this system; its parameters are m,"),
         ({"initial": {"thet": 1.0}}, "initial names 'thet', which is not a coordinate or velocity of this system"),
         ({"initial": [1.0]}, "initial is a list: give a dict such as {theta: 1.0}"),
         ({"target": "fortran"}, "there is no target 'fortran'; the targets are llvm and numpy"),
