@@ -101,6 +101,7 @@ def test_the_verdict(fault: Fault, change: Callable[[Trajectory], Trajectory], v
 
 
 # --- every registered method on every fault: no silent wrong answer, and no run without an end -----------------
+# There is one test for each kind of fault, so that a default run, which takes a sample, contains all kinds.
 
 
 pytestmark = pytest.mark.few

@@ -1,4 +1,8 @@
-"""Errors within tolerances in any units, and hard cases with a closed form or a published result."""
+"""Errors within tolerances in any units, and hard cases with a closed form or a published result.
+
+The growth is measured: the initial state and later states are changed a little, and the largest effect at the end
+counts.
+"""
 
 import math
 import random

@@ -1,4 +1,7 @@
-"""Conserved quantities in any statement of a system, and Hamilton's form."""
+"""Conserved quantities in any statement of a system, and Hamilton's form.
+
+The ways are: by positions, expanded by hand, and in other coordinates.
+"""
 
 import pickle
 from functools import cache

@@ -222,6 +222,8 @@ def test_shapes_with_roots_of_long_sums_need_no_radsimp(monkeypatch: pytest.Monk
 
 
 # --- results of textbooks, matched as formulas: what a course of mechanics derives by hand ---------------------
+# Landau is L. D. Landau, E. M. Lifshitz, Mechanics, 3rd ed., 1976; Goldstein is H. Goldstein, C. Poole, J. Safko,
+# Classical Mechanics, 3rd ed., 2002; Szebehely is V. Szebehely, Theory of Orbits, 1967.
 
 
 K, size, R, q, B = lg.parameters("K a R q B")

@@ -216,6 +216,7 @@ FAULTY_EVENTS = (
 
 
 # --- A member with a fault beside healthy ones: it ends as its single run does, with the same message ----------
+# A lane that is stuck or full of NaN executes the same instructions as its neighbours, and then takes other members.
 
 
 METHODS = ("taylor", "dop853", "rk4", "verlet")

@@ -49,6 +49,7 @@ def write(folder: Path, base: Mapping[str, Any] = FIELDS, **fields: Any) -> Path
 
 
 # --- texts that must not become expressions: code, escapes, huge expressions, look-alike characters, nonsense ---
+# CANARY is replaced by the path of a file that must not be created.
 
 
 CANARY = "CANARY"

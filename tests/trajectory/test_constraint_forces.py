@@ -263,6 +263,7 @@ def test_multipliers_are_watched_across_switches_of_the_forces() -> None:
 
 
 # --- contacts that touch at the start, and simultaneous events: all families of methods give the same answer ---
+# The rule is stated in `lagrange.trajectory.events.motion_start`.
 
 
 STEPS = {"rk4": 0.01, "verlet": 0.01}

@@ -248,6 +248,7 @@ def test_zeros_behind_a_jump_of_an_event_are_on_its_step_too(period: float) -> N
 
 
 # --- A branch of a Piecewise that does not apply is never evaluated, by any method -----------------------------
+# The reference is SciPy's DOP853 on each interval between two switches, with equations without branches.
 
 
 Law = Callable[[float, float, float], float]
