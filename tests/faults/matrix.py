@@ -2,11 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
-from tests.faults.constraints import CONTACTS, MOVED
 from tests.faults.fault import Cell, Fault, take
-from tests.faults.motions import MOTIONS
-from tests.faults.occurrences import EVENTS
-from tests.faults.requests import REQUESTS
+from tests.faults.motions import CONTACTS, MOTIONS, MOVED
+from tests.faults.requests import EVENTS, REQUESTS
 
 FAULTS: tuple[Fault, ...] = (*MOTIONS, *EVENTS, *REQUESTS, *MOVED, *CONTACTS)
 

@@ -11,12 +11,10 @@ from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.registry import names
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.faults.constraints import CONTACTS, MOVED
 from tests.faults.fault import Fault, take
 from tests.faults.matrix import FAULTS, cells
-from tests.faults.motions import MOTIONS, cosine
-from tests.faults.occurrences import EVENTS
-from tests.faults.requests import REQUESTS, bob
+from tests.faults.motions import CONTACTS, MOTIONS, MOVED, cosine
+from tests.faults.requests import EVENTS, REQUESTS, bob
 
 PLAIN = Fault("plain", "no fault", bob, truth=cosine, step=None)
 POLE = next(fault for fault in FAULTS if fault.name == "double pole")

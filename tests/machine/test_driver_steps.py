@@ -1,4 +1,4 @@
-"""Drivers of both machines, step by step: the same times, steps, norms, causes and counts after each step.
+"""Drivers of both machines, step by step, and the decisions of Newton's method after a correction.
 
 A wrong decision about a step often only costs time, which no result shows. So every entry of `DriverState` is
 compared, for all methods with step programs. Steps are accepted, rejected, not finite, unsolvable, singular, or too
@@ -6,28 +6,63 @@ short.
 """
 
 from collections.abc import Callable
+from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.algorithm.step.memory import COUNTS, RUN
+from lagrange.algorithm.step.memory import COUNTS, NEWTON, RUN
+from lagrange.algorithm.step.newton_corrections import (
+    DIVERGENCE_GROWTH,
+    DIVERGENCE_RATE,
+    FEW_CORRECTIONS,
+    FRESH_RATE,
+    LARGEST_MATRIX_AGE,
+    LARGEST_RATE,
+    LEAST_RATE,
+    MATRIX_AGE,
+    NOISE_DECAY,
+    RATE_INCREASE,
+    ROUND_OFF_FRACTION,
+    SLOW_RATE,
+    STAGNATION_NORM,
+    STAGNATION_RATE,
+    TOLERANCE_FRACTION,
+    assess_correction,
+)
 from lagrange.compiler import compile_model, machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.graph.sympy_nodes import to_sympy
 from lagrange.machine.drivers import StepDriver
+from lagrange.machine.llvm.engine import CompiledProcedure
 from lagrange.machine.llvm_machine import loop_layout
 from lagrange.machine.model import Model
+from lagrange.machine.python_source import loaded
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.procedure.interpreter import run
 from lagrange.program.step import Control, StepProgram, trace
-from lagrange.statement.coordinate import t
+from lagrange.statement.coordinate import coordinate, t
 from lagrange.statement.scene.library import load
 from lagrange.statement.statement import Statement
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.implicit import ImplicitMethod
 from lagrange.trajectory.plan import StepPlan
-from tests.models import TARGETS, c, k, m, stated, x, y
-from tests.trajectory.runs import CONSTRAINED, CONTROLLED, FIXED, IMPLICIT, SLOPES, SPLITTINGS, STEPPED, planned
+from tests.models import TARGETS, build, c, k, m, stated, x, y
+from tests.trajectory.runs import (
+    CONSTRAINED,
+    CONTROLLED,
+    FIXED,
+    IMPLICIT,
+    SLOPES,
+    SPLITTINGS,
+    STEPPED,
+    implicit,
+    planned,
+)
 
 S = DriverState
 
@@ -231,3 +266,320 @@ def test_the_projection_leaves_nothing_behind_the_entries_of_a_vector(name: str)
         for vector in range(layout.errors + len(layout.step.errors)):
             place = layout.place(vector)
             assert not beside.driver._work[place + layout.length : place + layout.width].any()
+
+
+# --- decisions of Newton's method after a correction: converged, continue, update the matrix, or give up -------
+# --- decisions of Newton's method: converged, continue, update the matrix, or give up --------------------------
+
+
+FRESH, FAR = 1, 100
+"""Corrections since the matrix was made: a new one has been tried, and one that is old."""
+
+VERDICTS = {Outcome.DONE: True, Outcome.PAUSED: False}
+
+
+@cache
+def judgements(adaptive: bool) -> tuple[Callable[..., Any], ...]:
+    """Return the procedure by each printer."""
+    procedure = assess_correction.form(adaptive=adaptive)
+    return lambda *args: run(procedure, *args)[0], loaded(procedure), CompiledProcedure(procedure, optimize=True)
+
+
+class Solve:
+    """A nonlinear solve of a step, with a matrix for steps of 0.5."""
+
+    def __init__(self, *, adaptive: bool = False, rate: float = 0.1, noise: float = 1.0, age: int = 0) -> None:
+        self.adaptive = adaptive
+        self.known: Any = NEWTON.structure(matrix_step=0.5, differentiated=1, rate=rate, noise=noise, age=age)
+
+    def outcome(self, iteration: int, norm: float, previous: float, since: int) -> Outcome:
+        """Return the decision about a correction, after a check that all printers agree on it and on the record."""
+        before, result = bytes(self.known), []
+        for judgement in judgements(self.adaptive):
+            made = NEWTON.structure.from_buffer_copy(before)
+            result.append((int(judgement(made, iteration, norm, previous, since)), bytes(made)))
+        assert result[0] == result[1] == result[2]
+        self.known = NEWTON.structure.from_buffer_copy(result[0][1])
+        return Outcome(result[0][0])
+
+    def enough(self, iteration: int, norm: float, previous: float, since: int) -> bool:
+        """True if the method has converged, after a check that it has not given up."""
+        return VERDICTS[self.outcome(iteration, norm, previous, since)]
+
+
+def newton(*, adaptive: bool = False, rate: float = 0.1, noise: float = 1.0, age: int = 0) -> Solve:
+    return Solve(adaptive=adaptive, rate=rate, noise=noise, age=age)
+
+
+def renewed(result: Solve) -> bool:
+    """Return whether the next correction, or the next step, updates the matrix and the derivative."""
+    assert (result.known.matrix_step == 0.0) == (not result.known.differentiated)
+    return bool(result.known.matrix_step == 0.0)
+
+
+# --- enough ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("adaptive", "bound"), [(False, ROUND_OFF_FRACTION), (True, TOLERANCE_FRACTION)])
+@pytest.mark.parametrize(("part", "enough"), [(0.9, True), (1.1, False)])
+def test_what_is_left_is_the_rest_of_a_geometric_series(
+    adaptive: bool, bound: float, part: float, enough: bool
+) -> None:
+    """The ratio of a first correction is that of the previous step; later ratios are measured."""
+    rate = 0.2
+    norm = part * bound * (1 - rate) / rate
+    assert newton(adaptive=adaptive, rate=rate).enough(0, norm, 0.0, FAR) is enough
+    result = newton(adaptive=adaptive, rate=0.9, noise=1.0)
+    assert result.enough(1, norm, norm / rate, FAR) is (enough or (not adaptive and norm / rate <= 1))
+    if enough:
+        assert result.known.rate == pytest.approx(rate)
+
+
+def test_two_corrections_in_a_row_are_round_off() -> None:
+    for norm, previous, enough in ((0.9, 0.95, True), (0.9, 1.1, False), (1.1, 0.95, False)):
+        assert newton().enough(1, norm, previous, 0) is enough
+        assert newton(noise=2.0).enough(1, 2 * norm, 2 * previous, 0) is enough
+        assert newton(adaptive=True).enough(1, norm / 2, norm, 0) is False
+    assert newton(rate=0.9).enough(0, 0.9, 0.0, 0) is False, "there is no correction before the first"
+
+
+def test_a_rate_that_is_not_measured_ages() -> None:
+    for before, after in ((0.1, 0.1 * RATE_INCREASE), (0.85, LARGEST_RATE)):
+        result = newton(rate=before)
+        assert result.enough(0, 1e-6, 0.0, FAR)
+        assert result.known.rate == pytest.approx(after)
+    result = newton()
+    assert result.enough(1, 1e-9, 1.0, FAR)
+    assert result.known.rate == LEAST_RATE
+
+
+def test_noise_is_forgotten_down_to_one() -> None:
+    for before, after in ((5.0, 5.0 * NOISE_DECAY), (1.05, 1.0), (1.0, 1.0)):
+        result = newton(noise=before)
+        assert result.enough(0, 1e-6, 0.0, FAR)
+        assert result.known.noise == pytest.approx(after)
+
+
+@pytest.mark.parametrize(
+    ("iteration", "age", "new"),
+    [
+        (0, 0, False),
+        (FEW_CORRECTIONS - 1, MATRIX_AGE, False),
+        (FEW_CORRECTIONS, MATRIX_AGE - 2, False),
+        (FEW_CORRECTIONS, MATRIX_AGE - 1, True),
+        (0, LARGEST_MATRIX_AGE - 2, False),
+        (0, LARGEST_MATRIX_AGE - 1, True),
+    ],
+)
+def test_a_step_of_many_corrections_or_an_old_matrix_wants_a_new_one(iteration: int, age: int, new: bool) -> None:
+    result = newton(age=age)
+    assert result.enough(iteration, 1e-6, 1e-3, FAR)
+    assert result.known.age == age + 1 and renewed(result) is new
+
+
+@pytest.mark.parametrize(
+    ("iteration", "rate", "new"), [(0, 0.1, False), (1, 2 * FRESH_RATE, True), (1, FRESH_RATE / 2, False)]
+)
+def test_where_steps_follow_the_error_a_slow_step_wants_a_new_matrix(iteration: int, rate: float, new: bool) -> None:
+    result = newton(adaptive=True)
+    assert result.enough(iteration, 1e-6, 1e-6 / rate, FAR)
+    assert renewed(result) is new
+
+
+# --- not enough -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rate", [SLOW_RATE / 2, 2 * SLOW_RATE, 1.5])
+def test_corrections_that_shrink_slowly_want_a_new_matrix_where_it_is_old(rate: float) -> None:
+    for since, old in ((0, False), (FRESH, False), (MATRIX_AGE - 1, False), (MATRIX_AGE, True), (FAR, True)):
+        result = newton()
+        assert not result.enough(1, 2 * STAGNATION_NORM, 2 * STAGNATION_NORM / rate, since)
+        assert renewed(result) is (old and rate > SLOW_RATE)
+        assert not newton(rate=rate).enough(0, 2 * STAGNATION_NORM, 0.0, since), "nothing is measured by the first"
+
+
+def test_with_a_new_matrix_small_corrections_that_stall_are_round_off() -> None:
+    for rate, norm, since, enough in (
+        (1.1 * STAGNATION_RATE, STAGNATION_NORM / 2, FRESH, True),
+        (1.1 * STAGNATION_RATE, STAGNATION_NORM / 2, MATRIX_AGE - 1, True),
+        (1.1 * STAGNATION_RATE, STAGNATION_NORM / 2, 0, False),
+        (1.1 * STAGNATION_RATE, STAGNATION_NORM / 2, MATRIX_AGE, False),
+        (1.1 * STAGNATION_RATE, STAGNATION_NORM * 2, FRESH, False),
+        (0.9 * STAGNATION_RATE, STAGNATION_NORM / 2, FRESH, False),
+        (3 * DIVERGENCE_GROWTH, STAGNATION_NORM / 2, FRESH, True),
+    ):
+        result = newton()
+        assert result.enough(1, norm, norm / rate, since) is enough
+        assert result.known.noise == (2 * norm if enough else 1.0)
+        assert not newton(adaptive=True).enough(1, norm, norm / min(rate, 0.8), since)
+
+
+def test_with_a_new_matrix_large_corrections_that_grow_have_no_end() -> None:
+    for rate, norm, since, hopeless in (
+        (1.1 * DIVERGENCE_GROWTH, 2 * STAGNATION_NORM, FRESH, True),
+        (1.1 * DIVERGENCE_GROWTH, 2 * STAGNATION_NORM, MATRIX_AGE - 1, True),
+        (1.1 * DIVERGENCE_GROWTH, 2 * STAGNATION_NORM, 0, False),
+        (1.1 * DIVERGENCE_GROWTH, 2 * STAGNATION_NORM, MATRIX_AGE, False),
+        (0.9 * DIVERGENCE_GROWTH, 2 * STAGNATION_NORM, FRESH, False),
+    ):
+        if hopeless:
+            assert newton().outcome(1, norm, norm / rate, since) is Outcome.DIVERGED
+        else:
+            assert not newton().enough(1, norm, norm / rate, since)
+
+
+def test_where_steps_follow_the_error_slow_corrections_want_a_shorter_one() -> None:
+    for rate in (1.1 * DIVERGENCE_RATE, 5.0, np.nan):
+        assert newton(adaptive=True).outcome(1, 100.0, 100.0 / rate, FRESH) is Outcome.DIVERGED
+    assert not newton(adaptive=True).enough(1, 100.0, 100.0 / (0.9 * DIVERGENCE_RATE), FRESH)
+    assert not newton(adaptive=True, rate=5.0).enough(0, 100.0, 0.0, FRESH)
+
+
+# --- matrix ---------------------------------------------------------------------------------------------------
+# With the right matrix one correction solves a linear law. A wrong one costs corrections: evaluations are counted.
+
+
+STEP = 0.5
+"""Long beside the times of the motion: a matrix without one of its terms needs many corrections."""
+
+
+@cache
+def linear(target: str, n: int, *, constrained: bool) -> Model:
+    """Return coupled oscillators with friction, a gyroscopic term, and forces that depend on time."""
+    q = [coordinate(f"q{i}") for i in range(n)]
+    kinetic = sum((2 + i) * a.dot**2 for i, a in enumerate(q)) / 2 + sum(a.dot * b.dot for a, b in pairwise(q)) / 3
+    potential = sum(sp.Rational(5 + i, 4) * a**2 for i, a in enumerate(q)) + sum(a * b for a, b in pairwise(q)) / 4
+    return build(
+        target,
+        lagrangian=kinetic - potential + q[0] * q[-1].dot,
+        coordinates=q,
+        forces={a: -sp.Rational(3 + i, 10) * a.dot + sp.cos(t) for i, a in enumerate(q)},
+        constraints={"slide": q[0] + 2 * q[1] - q[2] / 3} if constrained else {},
+        initial=dict.fromkeys(q, 0.0),
+    )
+
+
+# --- methods of one's own, for what no registered one has -----------------------------------------------------
+
+
+def two_solves(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+    """A step with two solves. The second has two unknowns, each in all residuals and arguments."""
+    a = solve(lambda a: f(t + h / 4, y + a * (h / 4)) * 2 - a * 3, lambda: f(t, y))
+
+    def residuals(b: Any, c: Any) -> tuple[Any, Any]:
+        first, second = f(t + h / 2, y + b * (h / 3) + c * (h / 5) + a * h), f(t + h, y - b * (h / 7) + c * (h / 2))
+        third = f(t, y + b * h)
+        return b * 2 - c - first + third * h, c * Fraction(5, 3) + second * 2 - third * 4 + a + b * (h / 3)
+
+    b, c = solve(residuals, (a, a))
+    return y + a * (h / 4) + b * (h / 4) + c * (h / 2)
+
+
+def damped(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+    """A step with two solves, error control, and vectors damped by each solve."""
+    z = solve(lambda z: f(t + h, y + z) * h - z * 2, y * 0)
+    far = solve.damp(h * 2, z)
+    w = solve(lambda w: (f(t + h / 2, y + w / 3) + f(t + h, y - w * 2)) * h - w * 5, lambda: f(t, y) * h)
+    return y + w, (solve.damp(h / 3, w - z) + solve.damp(-h, far)) * h
+
+
+def momenta(g: Any, t: Any, q: Any, v: Any, h: Any, solve: Any) -> Any:
+    """A step with unknowns in both arguments; both residuals contain momenta and forces with different factors."""
+    before, force = g(t, q, v)
+
+    def residuals(a: Any, b: Any) -> tuple[Any, Any]:
+        p0, f0 = g(t, q + a * (h / 3) - b * (h / 5), a * 2 - b)
+        p1, f1 = g(t + h / 2, q + a * h, b + a / 7)
+        p2, f2 = g(t + h, q + b * h, a / 2 + b)
+        return p0 + before * 2 - p1 * 3 + f0 * h - f2 * (2 * h), p2 * 2 - force * h + f1 * (h / 2) - p0 + a
+
+    a, b = solve(residuals, (v, v))
+    return q + a * h, b
+
+
+def two_steps(f: Any, t: Any, y: Any, before: Any, h: Any, solve: Any) -> Any:
+    k = solve(lambda k: f(t + h, y * 2 - before + k * h) - k * 2 + f(t, before), lambda: f(t, y))
+    return y + k * h
+
+
+def start(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+    k, _ = solve(
+        lambda k, m: (f(t + h, y + k * (h / 2) + m * (h / 2)) - k, f(t, y + m * h) * 2 - m * 3 + k), (y * 0, y * 0)
+    )
+    return y + k * h
+
+
+OWN = {
+    "two-solves": ImplicitMethod("two-solves", Claims(1, explicit=False), two_solves),
+    "damped": ImplicitMethod("damped", Claims(1, adaptive=True, explicit=False), damped, control=Control(2)),
+    "momenta": ImplicitMethod("momenta", Claims(1, explicit=False), momenta, law="momentum"),
+    "two-steps": ImplicitMethod("two-steps", Claims(1, explicit=False), two_steps, starter=start),
+}
+EVERY = (*IMPLICIT, *OWN)
+
+
+def method_of(name: str) -> ImplicitMethod:
+    return OWN[name] if name in OWN else implicit(name)
+
+
+# --- tests ----------------------------------------------------------------------------------------------------
+
+
+class Steps:
+    """Steps of a method for a linear law, from a random state that satisfies the constraint."""
+
+    def __init__(self, method: ImplicitMethod, model: Model) -> None:
+        n, self.size = model.dimension, 2 * model.dimension
+        start = np.random.default_rng(1).uniform(-1.0, 1.0, self.size)
+        if model.equations.constraints:
+            start[[2, n + 2]] = 3 * (start[[0, n]] + 2 * start[[1, n + 1]])
+        problem = Problem(model, model.parameter_values(), 0.0, 9.0, start)
+        plan = method.plan(problem)
+        self.step = plan.step
+        self.driver: Any = plan.driver(model, model.parameter_array())
+        self.state = DriverState(0.0, 9.0, start, 1e-9, 1e-9, STEP)
+
+    def take(self) -> int:
+        """Take a step, and return the number of evaluations of the law."""
+        before = self.state.count(DriverState.EVALUATIONS)
+        self.state.counts[DriverState.ROWS] = 0
+        outcome = self.driver.advance(self.state, 1, np.empty(1), np.empty((5, self.size)))
+        # Its equations are solved: an adaptive method may find that its error is above the tolerance.
+        solved = self.state.count(DriverState.ROWS) == 1 or self.state.cause is Outcome.STEP_TOO_SMALL
+        assert outcome is Outcome.PAUSED and solved
+        return self.state.count(DriverState.EVALUATIONS) - before
+
+
+CASES = [(name, constrained) for name in EVERY for constrained in (False, True)[: 1 + (name in CONSTRAINED)]]
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("n", [3, 5])
+@pytest.mark.parametrize(("name", "constrained"), CASES)
+def test_a_linear_law_is_solved_by_one_correction(name: str, constrained: bool, n: int, target: str) -> None:
+    """A second correction confirms the first one. The slope of a guess is one more evaluation."""
+    steps = Steps(method_of(name), linear(target, n, constrained=constrained))
+    first, program = steps.step.starter or steps.step, steps.step
+    assert steps.take() <= 2 * sum(len(solve.calls) for solve in first.solves) + len(first.calls) + 1
+    for _ in range(3):
+        assert steps.take() <= 2 * sum(len(solve.calls) for solve in program.solves) + len(program.calls) + 1
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ["radau3", "radau5", "damped"])
+def test_dampers_are_inverses_of_the_identity_less_a_multiple_of_the_derivative(name: str, target: str) -> None:
+    model = linear(target, 3, constrained=False)
+    steps = Steps(method_of(name), model)
+    steps.take()
+    layout, work = steps.driver._layout, steps.driver._work
+    dampers = [
+        work[solve.damper(damp) :][: solve.length * solve.width].reshape(solve.length, solve.width)[:, : solve.length].T
+        for solve in layout.solves
+        for damp in solve.damped
+    ]
+    length = work[layout.solves[0].flags + NEWTON.places["matrix_step"]]
+    jacobian = model.jacobian(0.0, np.zeros(6))
+    assert len(dampers) == len(steps.step.damps) > 0
+    for damper, damp in zip(dampers, steps.step.damps, strict=True):
+        factor = float(to_sympy(damp.factor, {steps.step.h: sp.Float(length)}))
+        assert damper @ (np.eye(6) - factor * jacobian) == pytest.approx(np.eye(6), abs=1e-10)

@@ -16,10 +16,9 @@ from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.faults.constraints import LOST, ROD
-from tests.faults.constraints import x as place
-from tests.faults.constraints import y as height
-from tests.faults.motions import NO_NUMBER, on_a_line, particle, sphere, x
+from tests.faults.motions import LOST, NO_NUMBER, ROD, on_a_line, particle, sphere, x
+from tests.faults.motions import x as place
+from tests.faults.motions import y as height
 
 t = lg.t
 c, onset = lg.parameters("c onset", positive=False)

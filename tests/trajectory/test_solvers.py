@@ -16,8 +16,7 @@ from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
 from tests.models import build, shared_scene, x
-from tests.trajectory.points import Singular, oscillator, problem
-from tests.trajectory.runs import FALL, OUTSIDE, ball, bounces, checked_run, floor, free
+from tests.trajectory.runs import FALL, OUTSIDE, Singular, ball, bounces, checked_run, floor, free, oscillator, problem
 
 SOLVERS: list[Any] = [*map(find, OUTSIDE), *([CVODE("Adams")] if "cvode" in OUTSIDE else [])]
 

@@ -13,7 +13,7 @@ import sympy
 
 from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.trajectory import Status
-from tests.trajectory.points import double_pole, oscillator, problem
+from tests.trajectory.runs import double_pole, oscillator, problem
 
 pytest.importorskip("sksundae")
 
