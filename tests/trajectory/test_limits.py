@@ -19,7 +19,7 @@ from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.plan import Planned
 from tests.systems import unit_pendulum
 from tests.trajectory.runs import OUTSIDE
-from tests.trajectory.test_constraint_forces import METHODS, STEPS
+from tests.trajectory.test_constraint_forces import CONTACT_METHODS, STEPS
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +135,7 @@ def pressed_once(function: Any) -> Any:
     return called
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", CONTACT_METHODS)
 @pytest.mark.parametrize("where", ["states", "cause"])
 def test_ctrl_c_behind_the_last_step_keeps_the_run(method: str, where: str, monkeypatch: pytest.MonkeyPatch) -> None:
     given: dict[str, Any] = {"method": method, "step": STEPS.get(method), "events": [x]}
@@ -162,7 +162,7 @@ def test_a_run_that_fails_at_its_start_has_no_times_for_each_event() -> None:
             assert [states.shape for states in result.y_events] == [(0, 2), (0, 2)]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", CONTACT_METHODS)
 def test_an_event_behind_the_last_output_is_said(method: str) -> None:
     stop = lg.event(x, terminal=True)
     result = OSCILLATOR.run(9, method=method, step=STEPS.get(method), t_eval=[0, 1, 2], events=[stop])
