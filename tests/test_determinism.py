@@ -22,8 +22,8 @@ from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm.engine import called_ir
 from lagrange.machine.llvm_machine import loop_layout
 from lagrange.program.catalogue import QUANTITIES, program_of
-from lagrange.trajectory.methods.explicit import DOP853, RK4
-from lagrange.trajectory.methods.explicit import runge_kutta_step as step_of
+from lagrange.trajectory.methods.runge_kutta import DOP853, RK4
+from lagrange.trajectory.methods.runge_kutta import runge_kutta_step as step_of
 from lagrange.trajectory.methods.splitting import Verlet, splitting_step
 from tests.models import SYSTEMS
 from tests.systems import unit_pendulum

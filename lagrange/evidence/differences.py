@@ -1,8 +1,4 @@
-"""Numerical differentiation of stated energies and constraints: formulas for the reference values of a check.
-
-They give momenta, forces, mass matrix, equations and multipliers. The difference steps are chosen in `reference` and
-`quick`.
-"""
+"""Numerical differentiation for checks: the difference steps, and the formulas of momenta, forces and equations."""
 
 from __future__ import annotations
 
@@ -21,6 +17,11 @@ Numbers = list[Any]
 Row = dict[int, Any]
 """Nonzero entries of a row, by column. A sparse matrix is a list of such rows."""
 Rows = Sequence[int] | None  # Indices of the equations to compute; None for all
+
+DIFFERENCE_STEP, QUICK_DIFFERENCE_STEP = "1e-18", "1e-12"
+"""Steps of the differences of `check`, in 90 digits, and of the check of a new model, in 50: relative to the argument.
+The errors are about 1e-36 and 1e-24 before extrapolation.
+"""
 
 
 class Estimate(NamedTuple):

@@ -27,7 +27,7 @@ import numpy as np
 from sympy import diff
 
 from lagrange.errors import FAULT, RunError
-from lagrange.evidence.differences import DifferenceSteps, StatedConstraints, along, central
+from lagrange.evidence.differences import QUICK_DIFFERENCE_STEP, DifferenceSteps, StatedConstraints, along, central
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.report import LIMIT, TINY_ERROR, relative_error
@@ -38,7 +38,6 @@ from lagrange.statement.random_states import SamplePoint, Sampler, holds, random
 from lagrange.statement.statement import REFUSE, Statement
 
 DIGITS_OF_TEST = 50
-DIFFERENCE_STEP = "1e-12"
 PERTURBATION = 1e-15
 SUSPICIOUS = 1e-12
 """Largest residual, relative to its largest term, that passes without an estimate of its rounding error."""
@@ -217,7 +216,7 @@ class _Probe:
         d/dt dL/dv and in dL/dq.
         """
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
-        t, step, ahead = self.number(point.t), self.number(DIFFERENCE_STEP), self._steps(point, q, v).motion
+        t, step, ahead = self.number(point.t), self.number(QUICK_DIFFERENCE_STEP), self._steps(point, q, v).motion
 
         def slope(tape: Precise, at_q: Any, at_v: Any, at_t: Any, dq: Any, dv: Any) -> Any:
             return central(lambda s: tape(along(at_q, dq, s), along(at_v, dv, s), at_t, parameters), step)[0]
@@ -235,7 +234,7 @@ class _Probe:
 
     def _steps(self, point: SamplePoint, q: Any, v: Any) -> DifferenceSteps:
         timed = self.plain.uses_time or self.constraints.uses_time
-        return DifferenceSteps.at(q, v, self.number(point.t), self.number(DIFFERENCE_STEP), timed=timed)
+        return DifferenceSteps.at(q, v, self.number(point.t), self.number(QUICK_DIFFERENCE_STEP), timed=timed)
 
     def _factor(self, least: float) -> float:
         return self.draw.uniform(least, 1.5) * self.draw.choice((-1, 1))

@@ -1,4 +1,4 @@
-"""Compute reference values of all compiled quantities at one point, and the sizes to which their errors are relative.
+"""Compute reference values of all compiled quantities by differences of the stated energies, for `check`.
 
 The size is measured. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), and the equations are
 differenced again. The change of an entry, divided by 1e-20, is its *size*: about the sum of the magnitudes of its
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.evidence import differences
-from lagrange.evidence.differences import DifferenceSteps, Numbers, Row, Sources, StatedConstraints
+from lagrange.evidence.differences import DIFFERENCE_STEP, DifferenceSteps, Numbers, Row, Sources, StatedConstraints
 from lagrange.evidence.precise import BeyondDoubles, Precise
 from lagrange.evidence.report import Columns, Direction, ReferenceEntries
 from lagrange.statement.random_states import SamplePoint
@@ -25,9 +25,6 @@ from lagrange.statement.statement import Statement
 
 REFERENCE_DIGITS = 90
 """Decimal digits of the evaluations: third differences with steps of 1e-18 leave 36 of 90."""
-
-DIFFERENCE_STEP = "1e-18"
-"""Step of the differences, relative to the argument. The error is about 1e-36 before extrapolation."""
 
 PERTURBATION = 1e-20
 """Relative perturbation of every number. It is far above the errors, and small enough for a linear response."""

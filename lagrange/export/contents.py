@@ -33,7 +33,7 @@ from lagrange.export.target import QUANTITIES, SOLVED, Target, able_targets, che
 from lagrange.graph import node
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.machine.parameters import with_zero_inputs
+from lagrange.machine.parameter_arrays import with_zero_inputs
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.rewrite import Pruner, bound
 from lagrange.program.program import Program

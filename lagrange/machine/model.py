@@ -35,7 +35,7 @@ from lagrange.machine.backend import (
     surely_finite,
 )
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
-from lagrange.machine.parameters import Parameters, ParameterValues, by_parameters
+from lagrange.machine.parameter_arrays import Parameters, ParameterValues, by_parameters
 from lagrange.program.catalogue import LAW_QUANTITIES, quantities_of
 from lagrange.program.switching import Switched
 from lagrange.statement.expression import one_of, real_array, real_number, text, whole_number

@@ -15,7 +15,7 @@ from lagrange.equations.terms import MonomialSum, TooLargeError, differentiable,
 from lagrange.equations.textbook_algebra import StatedAlgebra, TextbookAlgebra, canonical
 from lagrange.errors import FAULT, RunError, StatementError, formula, listing, shown
 from lagrange.machine.model import Model
-from lagrange.machine.parameters import Parameters, some_of
+from lagrange.machine.parameter_arrays import Parameters, some_of
 from lagrange.mechanics.symmetries import (
     BodyPosition,
     Symmetry,

@@ -373,7 +373,7 @@ class EigenvaluePath:
         This is necessary for stability, but not sufficient.
         """
         scale = np.abs(self.eigenvalues).max(axis=1)
-        return self.eigenvalues.real.max(axis=1) <= 1e-6 * scale
+        return self.eigenvalues.real.max(axis=1) <= REAL_PART * scale
 
 
 def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, model: Model) -> EigenvaluePath:

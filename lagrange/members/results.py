@@ -14,7 +14,7 @@ from lagrange.algorithm.members.queue import COUNTED
 from lagrange.algorithm.members.reductions import SIGNS, lobatto, raised
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.machine.model import Model
-from lagrange.machine.parameters import Parameters
+from lagrange.machine.parameter_arrays import Parameters
 from lagrange.machine.python_source import called
 from lagrange.statement.expression import entries, one_of, whole_number
 from lagrange.statement.run_settings import REDUCTIONS

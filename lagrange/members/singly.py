@@ -1,4 +1,4 @@
-"""Run members of an ensemble one by one, each as a separate run or by the flow of the model; test their energies."""
+"""Run members of an ensemble one by one, and test whether their energies are conserved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Switching surfaces: abs, sign, min, max and conditions as smooth expressions with the signs of surfaces as constants.
+"""Replace abs, sign, min, max and conditions by smooth expressions that hold on one side of each switching surface.
 
 A series is valid on one side of a surface only. The value of a switch depends on the sign of some smooth g(q, v, t).
 Each g gets a symbol, its side: 1 where g > 0, -1 where g < 0 and 0 while g stays zero. The sides are constants of the

@@ -14,7 +14,7 @@ from lagrange.errors import StatementError
 from lagrange.export.target import load
 from lagrange.machine import model as compiled
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.parameters import Parameters, with_zero_inputs
+from lagrange.machine.parameter_arrays import Parameters, with_zero_inputs
 from lagrange.machine.python_source import defined
 from lagrange.recipes.scipy import ScipyProblem, input_functions
 from lagrange.recipes.sympy import SympyForm, sympy_form

@@ -11,17 +11,17 @@ from lagrange.evidence.method_stability import Stability, growth, stability
 from lagrange.show.figures.dynamics_figures import plot_stability
 from lagrange.trajectory.foreign import scipy_solvers
 from lagrange.trajectory.foreign.sundials import CVODE
-from lagrange.trajectory.methods.explicit import RungeKutta, explicit_method, tableau
 from lagrange.trajectory.methods.implicit import ImplicitMethod
 from lagrange.trajectory.methods.registry import BUILT_IN, names, register, table
+from lagrange.trajectory.methods.runge_kutta import RungeKutta, explicit_method, tableau
 from lagrange.trajectory.methods.splitting import Splitting, composition
 from lagrange.trajectory.methods.user_defined import StepMethod, step_method
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
 if TYPE_CHECKING:  # signatures for type checkers; at run time the built-in methods are added below
-    from lagrange.trajectory.methods.explicit import *
     from lagrange.trajectory.methods.implicit import *
     from lagrange.trajectory.methods.radau import *
+    from lagrange.trajectory.methods.runge_kutta import *
     from lagrange.trajectory.methods.splitting import *
     from lagrange.trajectory.methods.taylor import *
     from lagrange.trajectory.methods.variational import *

@@ -1,4 +1,4 @@
-"""Find the symbols of expressions, refuse unsupported functions and derivatives, and read values of parameters."""
+"""Find the symbols of expressions, refuse unsupported functions, read values of parameters, and refuse missing ones."""
 
 from __future__ import annotations
 

@@ -224,8 +224,8 @@ def quaternion_of(value: Any, what: str) -> Quaternion:
 def of_length(what: str, size: float) -> str:
     """Return the message for a quaternion `what`, such as "the start of R", of the length `size` instead of one."""
     return (
-        f"{what} is a quaternion of length {size:.9g}: give one of length 1 with all digits, such as "
-        "lagrange.turn(axis, angle)."
+        f"{what} is a quaternion of length {size:.9g}: divide each of its four entries by this length. In Python, "
+        "lagrange.turn(axis, angle) is a quaternion of length 1."
     )
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from lagrange.algorithm.constants import LEAST_FLOOR
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
-from lagrange.machine.parameters import ordered
+from lagrange.machine.parameter_arrays import ordered
 from lagrange.machine.state import DriverState
 from lagrange.statement.event import Event
 from lagrange.statement.expression import flag, positive_number, real_array, whole_number

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from lagrange.errors import RunError, StatementError, counted, listing, shown
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.model import Model, Stated, stated
-from lagrange.machine.parameters import ordered
+from lagrange.machine.parameter_arrays import ordered
 from lagrange.machine.state import NO_OUTPUTS, DriverState, Outcome, Outputs
 from lagrange.statement.declare import initial_state
 from lagrange.statement.display import announced, progress_bar

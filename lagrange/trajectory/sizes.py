@@ -1,4 +1,4 @@
-"""Estimate sizes and rounding noise of a state's entries, which set the floors (least absolute tolerances)."""
+"""Estimate the sizes and the rounding noise of a state's entries, from which absolute tolerances (floors) follow."""
 
 from __future__ import annotations
 

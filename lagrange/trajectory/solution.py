@@ -16,7 +16,7 @@ from sympy import MatrixBase
 
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, suggestion
 from lagrange.machine.model import Model
-from lagrange.machine.parameters import Parameters
+from lagrange.machine.parameter_arrays import Parameters
 from lagrange.statement.coordinate import multiplier, row_label
 from lagrange.statement.expression import ByName
 from lagrange.statement.rotation import Rotation, in_symbols, rotation_of, shorthands

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.errors import StatementError, shown
-from lagrange.machine.parameters import Parameters
+from lagrange.machine.parameter_arrays import Parameters
 from lagrange.statement.expression import real_array, real_number
 
 FloatArray = NDArray[np.float64]

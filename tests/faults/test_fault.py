@@ -8,8 +8,8 @@ import pytest
 
 from lagrange.errors import StatementError
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.registry import names
+from lagrange.trajectory.methods.runge_kutta import DOP853
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.faults.fault import Fault, take
 from tests.faults.matrix import FAULTS, cells

@@ -30,8 +30,8 @@ from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.functions import FUNCTIONS
-from lagrange.trajectory.methods.explicit import runge_kutta_step
 from lagrange.trajectory.methods.implicit import BACKWARD_EULER
+from lagrange.trajectory.methods.runge_kutta import runge_kutta_step
 from lagrange.trajectory.methods.splitting import SymplecticEuler, VelocityVerlet, splitting_step
 from lagrange.trajectory.tableaux.explicit import EULER, MIDPOINT, RK4, dop853, dopri5
 from tests.mechanisms.formulation import SEEDS, compiled, initial_state

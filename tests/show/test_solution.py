@@ -35,7 +35,7 @@ from lagrange.statement.coordinate import coordinate, coordinates, t
 from lagrange.statement.declare import declare
 from lagrange.statement.event import event
 from lagrange.system import System, scene
-from lagrange.trajectory.methods.explicit import DOP853
+from lagrange.trajectory.methods.runge_kutta import DOP853
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 from tests.refusals import refusal

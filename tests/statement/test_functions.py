@@ -142,6 +142,8 @@ REFUSALS: list[tuple[Any, str]] = [
     (lambda: lg.given("t"), "'t' cannot name a given function, because it is time"),
     (lambda: lg.given("X", sin(theta)), "contains theta(t): give an expression in lg.t and parameters."),
     (lambda: lg.given("X", (TIMES, TIMES[1:])), "has times of shape (16,) and values of shape (15,)"),
+    (lambda: lg.given("X", (TIMES, [*TIMES[1:], np.nan])), "X has nan at index 15 of its values: give finite numbers"),
+    (lambda: lg.given("X", ([-np.inf, *TIMES[1:]], TIMES)), "X has -inf at index 0 of its times: give finite numbers"),
     (lambda: lg.given("X", ([0, 1, 2], [0, 1, 2])), "has 3 times: give 4 to 200. Thin a longer table out"),
     (lambda: lg.given("X", ([0, 1, 1, 2], [0, 1, 2, 3])), "go from 1 to 1: give times that rise."),
     (lambda: pendulum(lg.given("theta")), "theta names a given function of time and a coordinate"),
@@ -245,7 +247,7 @@ def test_a_start_outside_is_named() -> None:
     ("argument", "points", "values", "said"),
     [
         (x, [0, 2, 1, 3], [0, 1, 2, 3], "the points of the table over x go from 2 to 1: give points that rise"),
-        (x, [0, 1, 2, 3], [0, math.nan, 2, 3], "give two lists of finite numbers"),
+        (x, [0, 1, 2, 3], [0, math.nan, 2, 3], "the table over x has nan at index 1 of its values"),
         (x, [0, 1, 2, 3], [0, 1, 2], r"has points of shape \(4,\) and values of shape \(3,\)"),
         (x, [0, 1, 2], [0, 1, 2], "has 3 points: give 4 to 200"),
         (x, np.arange(201), np.arange(201), "has 201 points: give 4 to 200. Thin a longer table out"),

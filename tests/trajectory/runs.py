@@ -19,9 +19,9 @@ from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinates, parameters, t
 from lagrange.statement.event import event
 from lagrange.trajectory.integrator import Claims, Problem, RunOptions
-from lagrange.trajectory.methods.explicit import DOP853, RungeKutta
 from lagrange.trajectory.methods.implicit import ImplicitMethod
 from lagrange.trajectory.methods.registry import BUILT_IN, find
+from lagrange.trajectory.methods.runge_kutta import DOP853, RungeKutta
 from lagrange.trajectory.methods.splitting import Splitting
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.plan import Plan, Planned

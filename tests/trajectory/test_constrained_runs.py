@@ -14,8 +14,8 @@ from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
 from lagrange.trajectory.constraints.consistent import consistent_start, violation
 from lagrange.trajectory.ending_messages import UNPROJECTED
-from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.methods.runge_kutta import RungeKutta
 from tests.mechanisms.formulation import SEEDS, compiled
 from tests.models import TARGETS, g, l, m, phi, shared_scene, theta, x, y, z
 from tests.refusals import refusal

@@ -172,7 +172,7 @@ def test_a_file_has_lines_at_a_stated_rate_from_dense_output(times: list[float],
         ({"rate": 0}, "rate = 0: give a positive number of lines per unit of time"),
         ({"rate": float("inf")}, "rate is inf: give a finite number"),
         ({"rate": 1e8}, r"rate = 1e\+08 gives 5e\+08 lines from t = 0 to 5, more than the limit of"),
-        ({"rate": 2, "t": [1.0]}, "give rate= or t= and not both"),
+        ({"rate": 2, "t": [1.0]}, "rate and t are both given"),
         ({"t": [6.0]}, "t = 6 is outside the run, which went from 0 to 5"),
     ],
 )

@@ -17,8 +17,8 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry
-from lagrange.trajectory.methods.explicit import RK4, tableau
 from lagrange.trajectory.methods.registry import BUILT_IN, GROUP, find, names, register, table
+from lagrange.trajectory.methods.runge_kutta import RK4, tableau
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.methods.user_defined import step_method
 from tests.models import TARGETS, model

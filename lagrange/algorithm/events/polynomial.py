@@ -1,6 +1,6 @@
-"""Polynomials on [0, 1], as event functions have on a step: values, derivatives, zeros, scaling against overflow.
+"""Polynomials on [0, 1], as event functions have on a step: values, and zeros by Newton's method and bisection.
 
-Coefficients are in units of the step. Zeros are found by Newton's method and bisection.
+Coefficients are in units of the step.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Zeros of an event function g that is a polynomial on each step: each root once, in order, with its direction.
+"""Isolate the zeros of an event function g, a polynomial on each step, in order; `polynomial.py` refines each zero.
 
 The search passes the last sign of g from step to step. A sign counts once |g| exceeds the noise of g. A crossing is
 reported by the step in which the opposite sign first counts. A touch is reported if g has been within its noise of zero

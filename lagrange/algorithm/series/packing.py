@@ -1,4 +1,4 @@
-"""Values of a Taylor series joined to vectors, and the cost of a step, which selects the order of the series.
+"""Order of a Taylor series by the least cost of a step, and the packing of its values into vectors.
 
 A chunk is a vector of values with the same rule at the same depth: 1, 2, 4 or 8 values, or a multiple of 4 values for
 code with loops over the values. Its last lanes may repeat the last value. An operand is a vector of values that a chunk

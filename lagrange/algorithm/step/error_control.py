@@ -1,4 +1,4 @@
-"""Loops over steps of any method but Taylor series: equal steps, or error control with rejected steps and next length.
+"""Steps of any method but Taylor series: error norm, acceptance or rejection, and the length of the next step.
 
 The loops have the error norm, rejection, the next length, and the floors, which are the absolute tolerances of the
 entries of the state. Numbers of a method, such as the safety factor, are in `Control`, lagrange/program/step.py.

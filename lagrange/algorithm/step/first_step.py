@@ -1,4 +1,4 @@
-"""Length of the first step of a run with error control, and its first floors (absolute tolerances).
+"""Length of the first step of a run with error control, and the first absolute tolerances (floors).
 
 The length of the first step follows from the change of the derivatives of the state over a short trial step. The jerk
 divided by the velocity is the square of a rate, in any units of the entries and for any origin of time and coordinates.

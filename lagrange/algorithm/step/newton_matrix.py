@@ -1,4 +1,4 @@
-"""The matrix of Newton's method for implicit steps: built from the derivative of the law, and inverted.
+"""The matrix of Newton's method for implicit steps: from the derivative of the right-hand side, and inverted.
 
 The law is the function that the step evaluates, such as the right-hand side.
 

@@ -1,4 +1,4 @@
-"""Vectors of a step in the work array: their linear combinations, and evaluations of the law.
+"""Vectors of a step in the work array: linear combinations of them, and evaluations of the right-hand side.
 
 The law is the function that a step evaluates, such as the right-hand side. A combination is computed entry by
 entry, in whole blocks. Entries beyond the end of a vector are arbitrary.

@@ -1,4 +1,4 @@
-"""Event functions and switching surfaces of a Taylor run: memory of the search for zeros; arguments of the step loop.
+"""Memory of event functions and switching surfaces in a Taylor run, and all arguments of the loop over Taylor steps.
 
 Both kinds are called watched functions. In each row of the series, their coefficients follow those of the state. The
 loop handles regular zeros. For all other zeros the driver returns, with nothing changed.

@@ -102,11 +102,15 @@ def checked_table(title: str, columns: Sequence[Any] | Any, points: str) -> Tabu
         real_array(columns[0], f"the {points} of {title}"),
         real_array(columns[1], f"the values of {title}"),
     )
-    if arguments.ndim != 1 or values.shape != arguments.shape or not np.isfinite([arguments, values]).all():
+    if arguments.ndim != 1 or values.shape != arguments.shape:
         raise StatementError(
             f"{title} has {points} of shape {arguments.shape} and values of shape {values.shape}: give two lists of "
             "finite numbers, of one length."
         )
+    for what, numbers in ((points, arguments), ("values", values)):
+        if len(places := np.flatnonzero(~np.isfinite(numbers))):
+            place = int(places[0])
+            raise StatementError(f"{title} has {numbers[place]} at index {place} of its {what}: give finite numbers.")
     if not FEWEST_TABLE_POINTS <= len(arguments) <= MOST_TABLE_POINTS:
         raise StatementError(
             f"{title} has {len(arguments)} {points}: give {FEWEST_TABLE_POINTS} to {MOST_TABLE_POINTS}. "

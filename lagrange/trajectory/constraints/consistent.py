@@ -12,7 +12,7 @@ import numpy as np
 from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.machine.parameters import ordered
+from lagrange.machine.parameter_arrays import ordered
 from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import entries, real_number

@@ -1,4 +1,4 @@
-"""Solve for the forces of contacts with Coulomb friction: a complementarity problem of normal and friction forces.
+"""Decide which contacts stick, slide or open, and with which forces, by Coulomb's law: a complementarity problem.
 
 Forces f of k contacts cause rates w = A f + b: for each contact the normal component, then the friction components. A
 contact pushes, f_n >= 0. It does not penetrate, w_n >= 0. One of both is zero. Friction holds the surfaces, w_t = 0, as

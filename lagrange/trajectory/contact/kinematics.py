@@ -1,4 +1,4 @@
-"""Evaluate gaps and slips of contacts at a state, the thresholds at which they are zero, and the effect of forces."""
+"""Evaluate gaps and slips of contacts at a state, and decide by thresholds which of them count as zero."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Formulas of impacts, and of friction along a line, as resets of events, which a compiled loop over steps applies.
+"""Impacts, and sticking or sliding of one contact along a line, as resets that a compiled loop over steps applies.
 
 Impacts without friction have explicit formulas. `transition.py` solves the general case. With the direction W =
 dgap/dq, gap rate u, restitution e and mass matrix M, its impulse is P = -(1 + e) u / (W M^-1 W^T). It changes the

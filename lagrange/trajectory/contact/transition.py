@@ -1,4 +1,4 @@
-"""Transitions between modes of contact: the impacts of gaps that close, and the choice of the next mode.
+"""Transitions between modes of contact: impacts that close a gap, and which contacts are closed after them.
 
 The laws, in the order in which they are applied at one instant t:
 

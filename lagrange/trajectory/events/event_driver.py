@@ -1,4 +1,4 @@
-"""Advance a run with events by a step program: take steps, search them for events, go back to an event.
+"""Advance a run with events, not by Taylor steps: take steps, let them be searched, and return to an event.
 
 Some steps are taken first and then reviewed, that is, searched for events. If an event on them resets the state or
 ends the run, the run is set back to it, and later steps are discarded. In long runs machine code handles all regular

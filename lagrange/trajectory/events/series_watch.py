@@ -1,4 +1,4 @@
-"""Events and switching surfaces along a run by Taylor steps: irregular zeros, resets, and changes of sides.
+"""Handle the events of a Taylor run that compiled code leaves to Python: irregular zeros, resets, changes of sides.
 
 The compiled loop over steps finds the zeros of these functions, and ends a step at the first zero that changes the
 motion. In regular cases the loop itself resets the state or crosses the surface. In other cases it returns, and this

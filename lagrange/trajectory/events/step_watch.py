@@ -1,4 +1,4 @@
-"""Find events on the steps of a run by a step program, with NumPy arrays, and record or apply them.
+"""Find events on accepted steps of any method but Taylor series, on NumPy arrays, and record or apply them.
 
 The steps are reviewed, that is, searched for events on their dense output. If an event resets the state or ends the
 run, the run is set back to it. `EventDriver` takes the steps and calls this watcher.

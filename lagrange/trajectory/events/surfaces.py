@@ -1,4 +1,4 @@
-"""Continue a run from a switching surface, and over points at which the motion has no Taylor series (leaps).
+"""Continue a run from a switching surface, and take short steps over points where the motion has no Taylor series.
 
 A motion that reaches a surface g = 0, or starts on it, continues on one side, where g is positive or negative. The
 forces depend on the side, and the motion determines the side. A choice of sides is consistent if the motion with the

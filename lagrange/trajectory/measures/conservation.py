@@ -12,7 +12,7 @@ import numpy as np
 from lagrange.errors import RunError
 from lagrange.machine.backend import one_state, quickly
 from lagrange.machine.model import Model
-from lagrange.machine.parameters import Parameters, some_of
+from lagrange.machine.parameter_arrays import Parameters, some_of
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths import OutputPath

@@ -13,7 +13,7 @@ import numpy as np
 from lagrange.errors import RunError, StatementError, listing
 from lagrange.graph.differentiate import tangents
 from lagrange.machine.model import Model
-from lagrange.machine.parameters import Parameters, some_of
+from lagrange.machine.parameter_arrays import Parameters, some_of
 from lagrange.statement.expression import ByName, one_of
 from lagrange.statement.statement import corners
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of

@@ -12,7 +12,7 @@ from sympy.core.function import AppliedUndef
 from lagrange.equations.euler_lagrange import node_of
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
-from lagrange.machine.parameters import Parameters
+from lagrange.machine.parameter_arrays import Parameters
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.expression import positive_number, real_array

@@ -15,8 +15,8 @@ from lagrange.statement.display import text_table
 from lagrange.statement.expression import flag
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator, entered
-from lagrange.trajectory.methods import explicit, implicit, radau, splitting, taylor, variational
-from lagrange.trajectory.methods.explicit import RungeKutta
+from lagrange.trajectory.methods import implicit, radau, runge_kutta, splitting, taylor, variational
+from lagrange.trajectory.methods.runge_kutta import RungeKutta
 from lagrange.trajectory.methods.splitting import Splitting
 from lagrange.trajectory.methods.user_defined import StepMethod, step_method
 from lagrange.trajectory.plan import locates_events
@@ -44,7 +44,7 @@ FOREIGN_NAMES = {
 }
 """Names of methods in other packages, for the hint after an unknown name."""
 
-FAMILIES = (explicit, splitting, implicit, radau, variational, taylor)
+FAMILIES = (runge_kutta, splitting, implicit, radau, variational, taylor)
 """The modules that define methods, in the order of the table."""
 
 BUILT_IN: dict[str, Callable[..., Integrator]] = {

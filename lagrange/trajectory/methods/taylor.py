@@ -22,7 +22,7 @@ from lagrange.trajectory.events.actions import ModelEvent, model_events
 from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.surfaces import Continuations
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances, built_in
-from lagrange.trajectory.methods.explicit import DOP853
+from lagrange.trajectory.methods.runge_kutta import DOP853
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options
 from lagrange.trajectory.paths import SeriesPath, hermite_path
 from lagrange.trajectory.run_loop import drive_by

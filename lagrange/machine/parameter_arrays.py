@@ -1,4 +1,4 @@
-"""Parameter values of a model: from a user's dict or array to the arrays that kernels take."""
+"""Turn checked values of parameters into the arrays that kernels take."""
 
 from __future__ import annotations
 
