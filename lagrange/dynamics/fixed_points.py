@@ -217,5 +217,5 @@ def _refined(
         low, high = np.where(same[:, None], middle, low), np.where(same[:, None], high, middle)
     sizes = np.abs([function(*low.T), function(*high.T)])
     best = np.where((sizes[0] <= sizes[1])[:, None], low, high)
-    # Across a pole the values increase towards the change of sign.
+    # The function changes its sign also at a pole, where its absolute value increases instead of decreasing.
     return best, sizes.min(axis=0) <= 1e-3 * np.maximum(np.abs(before), np.abs(after))

@@ -58,7 +58,9 @@ All entries of a chain of 10 links in relative angles are compared at 5 points: 
 """
 
 SMALL_ENTRY = 1e-12
-"""Entries of the state below this fraction of the largest get its weight in a random direction."""
+"""Fraction of the largest coordinate, or velocity. In a random direction, smaller entries get the weight of the
+largest.
+"""
 
 MOST_CHECKED_POINTS = 10_000
 """Largest number of points of one check."""

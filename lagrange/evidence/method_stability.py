@@ -105,8 +105,8 @@ class _Map:
             q, v, *multipliers = arguments[:2] if self.step.law == "local" else arguments
             results = [v, -k[:, None] * q - c[:, None] * v]
             results += [q, v] if self.step.law == "local" else []
-            # Without constraints the constraint forces are zero, and the padding entries are the multipliers
-            # themselves; see `lagrange.program.catalogue`.
+            # The test equation has no constraints. So the constraint forces are zero, and phi and psi are padding:
+            # each of their entries is the multiplier (`lagrange.program.catalogue`).
             results += [part for multiplier in multipliers for part in (0.0 * multiplier, multiplier, multiplier)]
             for i, vector in enumerate(results):
                 self.vectors[call.first + i] = vector

@@ -229,7 +229,10 @@ class _PreciseRun:
         return state
 
     def _check(self, t: float, length: float, run_length: float) -> None:
-        """Raise RunError after the time limit, or if `length` is too short an interval for a run of `run_length`."""
+        """Raise RunError after the time limit, or if an interval at time `t` is too short to contain a smooth motion.
+
+        `length` is the duration of the interval, and `run_length` that of the whole run.
+        """
         if self.deadline is not None and time.perf_counter() > self.deadline:
             raise RunError(f"the precise run took longer than its time limit: it was at t = {t:.6g}.")
         if abs(length) < SHORTEST_INTERVAL * run_length:

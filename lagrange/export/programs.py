@@ -157,7 +157,10 @@ def fields_of(module: SourceModule) -> dict[str, object]:
 
 
 def _named(name: str, script: Script, lists: Mapping[str, Sequence[float]]) -> dict[str, str]:
-    """Return the fields of the test called `name`: the name, and the text of the lists of numbers in `lists`."""
+    """Return the values for the template of a test: its name, its name in quotes, and its tables of numbers.
+
+    `lists` maps the name of each table to its numbers.
+    """
     tables = ""
     for table, values in lists.items():
         for begin in range(0, len(values), script.chunk or len(values) or 1):

@@ -555,7 +555,7 @@ class NumpyMachine:
         return called(steps_of(layout)), layout
 
     def callback(self, kernel: Kernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return a kernel as a Python function for printed procedures, with the parameters that it reads."""
+        """Return a Python function that evaluates a kernel, and its parameters; `of_steps` has no effect here."""
         return Callback(between_arrays(kernel), parameters)
 
     def called(self, procedure: Procedure) -> PrintedProcedure:

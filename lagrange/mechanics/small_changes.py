@@ -312,7 +312,10 @@ class TangentMotion:
         self.turned, self.bent = N_rate + product(self.L, N_rows), L_rate + product(self.L, L_rows)
 
     def reduced(self, mass: Any, damping: Any, stiffness: Any) -> tuple[Any, Any]:
-        """Return C and K for u and z, from the mass, damping and stiffness matrices of all coordinates."""
+        """Return the coefficient matrices C of u and K of z in M u' + C u + K z.
+
+        `mass`, `damping` and `stiffness` are the matrices for all coordinates, dependent ones included.
+        """
         product, L = self.product, self.L
         C = product(mass, self.turned) + product(damping, self.N)
         K = product(mass, self.bent) + product(damping, L) + product(stiffness, self.B)

@@ -271,4 +271,4 @@ class FlowEngine:
 
 
 BY_FLOW = frozenset((STATE, TIME, STATUS))
-"""Names of the result columns that a flow can compute."""
+"""Names of the result columns that follow from a flow, which returns only the state at the end of a run."""

@@ -49,12 +49,12 @@ class MemberProcedures:
         self.numbers = count()
 
     def of(self, procedure: Procedure, signature: Signature) -> Procedure:
-        """Return the rewritten procedure, which runs all members at once.
+        """Return a version of a procedure that runs all members at once.
 
         `signature` says which arguments differ between members. The first parameter of the new procedure is the mask of
-        the members to run. An argument or result that differs is a vector. In an array with values for each member,
-        entry i of all members is adjacent. If the part of each member begins at a different index, the next parameter
-        is the vector of these indices.
+        the members to run. A number that differs becomes a vector with a lane for each member. In an array that
+        differs, entry i of all members is contiguous. Members may begin at different indices of one array; the vector
+        of these indices is then a further parameter after the array.
         """
         key = procedure, signature
         if key not in self.known:

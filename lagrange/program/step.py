@@ -497,7 +497,7 @@ class Recorder:
         """Record and return the vector (I - factor J)^-1 `vector`, where J is the Jacobian of the last solve."""
         if not self.solves or self.law.results > 1:
             raise StatementError(
-                f"step function {self.name} calls damp, which needs a call of solve before, in a method with law='rhs'."
+                f"step function {self.name} calls damp: call solve before it, in a method with law='rhs'."
             )
         made = self.new()
         node = self.graph.node(factor)

@@ -75,7 +75,7 @@ def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> tu
         "triangle": [e.matrix[i][j] for i, j in e.plan.triangle],
         "right": right,
     }
-    # A constraint on positions may jump although its rate of change does not. Its surfaces belong to the motion, too.
+    # A constraint phi(q) may jump where dphi/dt does not. So the switching surfaces of phi are included.
     positions = [phi for phi in held.positions if phi is not None]
     switched = switch(e.graph, [*(node for block in stated.values() for node in block), *positions, *seen])
     smooth = {name: [switched.smooth[node] for node in block] for name, block in stated.items()}

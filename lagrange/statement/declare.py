@@ -488,8 +488,8 @@ def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: S
                 target.add(entry.xreplace({along: sympy.S.Half}), what)
         if leaves.coordinates or leaves.velocities:
             raise StatementError(
-                f"{what} contains {listing(map(name_of, leaves.coordinates))}: give it in lg.along, parameters and t, "
-                "and draw a body that moves by links of its points."
+                f"{what} contains {listing(map(name_of, leaves.coordinates))}: write a surface in lg.along, parameters "
+                "and t only. A body that moves is drawn by links between its points."
             )
         if not any(entry.has(along) for entry in surfaces[name]):
             raise StatementError(f"{what} is one point: give a point that moves as lg.along grows from 0 to 1.")

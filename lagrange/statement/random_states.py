@@ -47,10 +47,10 @@ class _Row:
 
 
 class Scales:
-    """Typical magnitudes of the coordinates and velocities of a statement, for any values of its parameters.
+    """Typical magnitudes of the coordinates and velocities of a statement, as functions of its parameters.
 
-    Assumption: all terms of a sum have the same magnitude, and arguments of functions have magnitude 1. These are
-    linear equations for the logarithms of the magnitudes.
+    Assumption: all terms of a sum have the same magnitude, and arguments of functions have magnitude 1. These
+    conditions are linear equations for the logarithms of the magnitudes.
     """
 
     def __init__(self, statement: Statement) -> None:

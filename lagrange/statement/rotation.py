@@ -503,10 +503,10 @@ def explanation(name: str, values: Mapping[Any, float]) -> str:
 
 
 def start_in_turns(names: Iterable[str], coordinates: Iterable[Any], initial: Mapping[Any, float]) -> tuple[float, ...]:
-    """Return the initial state (q, v) with small rotations about the body axes in place of quaternions.
+    """Return the initial state (q, v) in which three small angles about the body axes replace each quaternion.
 
-    The small rotations, among the `coordinates`, start at zero. `initial` maps coordinates with quaternions, and
-    velocities, to values. `names` are the names of the rotations.
+    The angles start at zero, and their rates are the angular velocity. `names` are the names of the rotations.
+    `coordinates` include the angles. `initial` maps all other coordinates, the quaternions, and velocities to values.
     """
     start = dict(initial)
     for each in map(rotation_of, names):

@@ -125,7 +125,7 @@ def _driven(problem: Problem, prepared_plan: PreparedPlan, name: str) -> Traject
     began = time.perf_counter()
     idle = prepared_plan.take(problem)
     run = _at_start(problem, prepared_plan.plan, name, idle, began)
-    # An idle driver has run with these parameters, so a constant mass matrix needs no further test.
+    # The idle driver comes from a run with the same parameters, which already tested a constant mass matrix.
     inert = idle is None or not problem.model.equations.structure.constant_mass
     status, sentence = _check_first_slope(problem, name, problem.parameter_array, inertia=inert)
     steps, detail = None, ""

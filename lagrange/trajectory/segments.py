@@ -42,7 +42,7 @@ def rest_of(problem: Problem, part: Trajectory, y: FloatArray) -> Problem:
     wall = None if problem.max_wall is None else max(problem.max_wall - part.wall, 1e-3)
     events = list(problem.events)
     for i, times in enumerate(part.t_events):
-        # The run ends at occurrence number `terminal`. A plan is used again only for the same event object.
+        # The run ends at occurrence number `terminal`. Other events stay the same objects, so their plan is reused.
         count, terminal = int((forward * (times - begin) <= 0).sum()), events[i].terminal
         if (limit := max(terminal - count, min(terminal, 1))) != terminal:
             events[i] = replace(events[i], terminal=limit)

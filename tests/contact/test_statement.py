@@ -305,7 +305,7 @@ RING = {"ring": (2 * cos(2 * pi * lg.along), 2 * sin(2 * pi * lg.along))}
 
 REFUSED_SURFACES: dict[str, tuple[Any, dict[str, Any], str]] = {
     "one point": ({"floor": (0, 0)}, {}, "the surface floor is one point"),
-    "a coordinate": ({"floor": (X + lg.along, 0)}, {}, "the surface floor contains x: give it in lg.along"),
+    "a coordinate": ({"floor": (X + lg.along, 0)}, {}, "the surface floor contains x: write a surface in lg.along"),
     "another dimension": ({"floor": (lg.along, 0, 0)}, {}, "give a point of 2 expressions"),
     "a number": ({"floor": 3}, {}, "give a point of 2 expressions"),
     "no position": ({"floor": (lg.along, 0)}, {"positions": {}}, "the surface floor is drawn for a moving point"),

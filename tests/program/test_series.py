@@ -400,8 +400,8 @@ REFUSED: list[tuple[Callable[..., Any], dict[str, Any], str]] = [
     ),
     (leaked, SOLVES, "uses the result of a call of f in a residual outside"),
     (lambda f, t, y, h, solve: y + solve(lambda k: 1.0, y), SOLVES, "solve takes combinations of vectors alone"),
-    (lambda f, t, y, h, solve: (y, solve.damp(h, y)), SOLVES, "damp, which needs a call of solve before"),
-    (damped_momenta, {"law": "momentum", **SOLVES}, r"calls damp, which needs .* in a method with law='rhs'"),
+    (lambda f, t, y, h, solve: (y, solve.damp(h, y)), SOLVES, "calls damp: call solve before it"),
+    (damped_momenta, {"law": "momentum", **SOLVES}, r"calls damp: .* in a method with law='rhs'"),
     (
         lambda a, t, q, v, h, solve: solve(lambda k: a(t, k), q),
         {"law": "accelerations", **SOLVES},

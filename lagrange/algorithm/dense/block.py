@@ -40,7 +40,7 @@ singular matrix, or -1.
 """
 
 INVERT = Callee((WHOLE, WHOLE, Array(), Array()), ())
-"""Type of a function that inverts the matrix of each column, such as `invert_columns`."""
+"""Type of a function that inverts one matrix for each column of a block of steps, such as `invert_columns`."""
 
 POLYNOMIAL = Callee((READ, WHOLE, READ, READ, Array(), Array()), ())
 """Type of a function that writes the polynomials of a block of steps, for any kind of path. Arguments: data that the

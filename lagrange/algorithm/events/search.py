@@ -210,12 +210,12 @@ class ZeroSearch:
 
     @inline
     def visit(self, step: int, b: int, is_bad: bool) -> int:
-        """Find the zeros of all event functions on a step. Return `ENDED`, or why the whole search ends.
+        """Find the zeros of all event functions on a step. Return `ENDED`, or a code if the search must end here.
 
-        The reason is `CHANGED` if the motion changes on the step, `IRREGULAR`, or `CROWDED` if the arrays for
-        zeros are full. `step` is the number of the step in the run, and `b` its column in the block. `is_bad`
-        is true if an event function has no value on the block. Unless the motion changes, a step that ends the
-        search leaves all records unchanged.
+        The code is `CHANGED` if an event changes the motion on the step, `CROWDED` if the arrays for zeros are full,
+        and `IRREGULAR` if the zeros cannot be resolved. After the last two codes all records are as before the step.
+        `step` is the number of the step in the run, and `b` its column in the block. `is_bad` is true if an event
+        function has no value on the block.
         """
         watch, review = self.watch, self.watch.review
         if unlikely(review.written + MOST_ZEROS >= review.room):

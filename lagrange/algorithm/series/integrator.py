@@ -60,8 +60,9 @@ fewer iterations, and then do not find vectors.
 """
 
 LEAST_LANES = 6.0
-"""Least mean number of values in a vector of up to 8 for which exported code has loops over values with the same rule.
-The outer solar system (6.7) then takes 0.7 of the time; a quadrotor (5.7) would take 1.2 times as long.
+"""Least mean length of vectors, of at most 8 values with the same recurrence rule, for which exported code has loops
+over the values of a vector. The outer solar system (6.7) then takes 0.7 of the time; a quadrotor (5.7) would take 1.2
+times as long.
 """
 
 ORDER_BITS, ORDER_GRID = 53, 1060

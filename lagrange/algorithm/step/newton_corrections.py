@@ -59,7 +59,9 @@ Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
 """
 
 FEW_CORRECTIONS = 2
-"""Largest number of corrections of an equal step after which the next step keeps the matrix."""
+"""With a fixed step size, the next step keeps the matrix if Newton's method needed at most this many corrections. A
+matrix younger than `MATRIX_AGE` steps is kept, too.
+"""
 
 LARGEST_MATRIX_AGE = 64
 """Number of equal steps after which the matrix is rebuilt, even if Newton's method converges. Otherwise a matrix that

@@ -366,10 +366,10 @@ def watched_of(arguments: Arguments) -> Any:
 
 @inline
 def numbers_of(arguments: Arguments, layout: TaylorLayout) -> tuple[Any, Any]:
-    """Return the numbers of a series for the present sides, which are the signs of the switching functions.
+    """Return the numbers that a series reads: the parameters with all values that depend only on them, and constants.
 
-    The result has two arrays: the parameters with all values that depend only on them, and the constants of the
-    series.
+    Both are arrays. A series with switching functions has such numbers for each combination of their signs; the arrays
+    then begin at those for the present signs.
     """
     if arguments.watched is None or layout.observes:
         return arguments.prepared, arguments.constants

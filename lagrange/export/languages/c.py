@@ -244,7 +244,7 @@ def comment(text: str) -> list[str]:
 
 
 def function(procedure: Procedure, c_names: CNames, *, hidden: bool = False) -> str:
-    """Return the text of a procedure as a C function, which is local to its file if `hidden`.
+    """Return the text of a procedure as a C function, which is static if `hidden`.
 
     The operations whose definitions the function needs are added to `c_names.needed`.
     """
@@ -252,7 +252,7 @@ def function(procedure: Procedure, c_names: CNames, *, hidden: bool = False) -> 
 
 
 class _CPrinter(BracedPrinter):
-    """Prints a procedure as a C function, which is local to its file if `hidden`; `c_names` has the module's names."""
+    """Prints a procedure as a C function; `c_names` are the names of the module, and a `hidden` function is static."""
 
     language = "C"
     helpers = HELPERS

@@ -287,7 +287,11 @@ class _Search:
         return POWER * sum(abs(e) for _, e in key) + OF_FACTOR * len(unlikely)
 
     def multiples(self, values: Numbers) -> Iterator[tuple[float, Any, Any]]:
-        """Yield (cost, number, product of powers) for each number times product that equals `values` at all samples."""
+        """Yield triples (cost, c, product of powers): the rational c times the product equals `values` at all samples.
+
+        `values` has one number for each sample; nothing is yielded if one of them is zero. At most 20 products are
+        tried.
+        """
         if not all(values):
             return
         keys, table, prices = self.products

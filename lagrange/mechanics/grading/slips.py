@@ -110,11 +110,11 @@ def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
 
 
 def _has_direction(parameter: Any, statement: Statement) -> bool:
-    """Return True if a parameter has a direction, such as g or a force, unlike a mass, length or stiffness.
+    """Return True if the sign of a parameter depends on a choice of direction, as for g or an applied force.
 
-    A parameter with a direction is a factor of forces, or of terms of the potential with either sign. The kinetic
-    energy does not contain it. Coefficients of drag and friction have no direction. A magnetic field, whose forces do
-    no work, has a direction.
+    The energies and forces are linear in such a parameter, and the kinetic energy does not contain it. In the potential
+    its coefficient has both signs. In forces its coefficient does not depend on velocities, unlike a drag coefficient,
+    or the forces do no work, as those of a magnetic field.
     """
     if statement.kinetic.has(parameter):
         return False

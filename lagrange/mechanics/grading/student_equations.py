@@ -134,8 +134,8 @@ class _EquationReader:
         words = {canonical(word) for word in WORD.findall(text)}
         reader, letters = TypedReader(self.names, self.others), [letter for letter in self.spellings if letter in words]
         if self.force and not letters:
-            # First choice are letters that are unknown words, then letters at an end of such words, as in 2T, then
-            # other usual letters.
+            # Preferred are letters that are unknown words. Next are letters that begin or end an unknown word, as in
+            # 2T, and last the other usual letters.
             unknown, free = reader.unknown(text, what), [x for x in FORCES if x not in map(canonical, self.names)]
             whole = [letter for letter in free if letter in unknown]
             parts = [x for x in free if any(word.startswith(x) or word.endswith(x) for word in unknown)]

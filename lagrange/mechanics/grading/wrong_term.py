@@ -157,10 +157,10 @@ def _compared(
 
 
 def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any]]:
-    """Return (coordinate name, left - right side) of the right equations of motion.
+    """Return pairs (coordinate name, left side - right side) for the exact equations of motion.
 
-    If the typed equation `row` is solved for an acceleration and there are no constraints, the right equations are
-    solved, too; formulas that are too long are then left out.
+    If the typed equation `row` gives an acceleration, and there are no constraints, these are the exact accelerations.
+    Accelerations with more than `LONGEST_FORMULA` operations are then left out.
     """
     statement, rates = derivation.statement, rate_symbols(derivation.statement)
     rows: list[tuple[str, Any]] = []

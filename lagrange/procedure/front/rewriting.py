@@ -103,7 +103,7 @@ class Rewriter:
         """Names that a branch or loop may turn into variables, or leave without a value."""
 
         self.scoped: list[frozenset[str]] = []
-        """Names of open comprehensions and lambdas."""
+        """Names bound by each comprehension and lambda around the present expression, outermost first."""
 
     def function(self, free: Sequence[str] = ()) -> ast.FunctionDef:
         """Return the rewritten function. Its parameters are the tracer, those of the plain function, and `free`.

@@ -127,9 +127,10 @@ def _rows(tokens: Sequence[Token]) -> list[Sequence[Token]]:
 
 
 def _column(factors: Sequence[Matrix], begin: Token) -> list[list[Token]]:
-    """Return the entries of a column, or of a product of matrices with a column. Raises TypedFault for other `factors`.
+    """Return the entries of a column or of its product with matrices, each entry as a list of tokens.
 
-    `begin` is the token at which the fault is located.
+    `factors` are the matrices, if any, and last the column. Raises TypedFault, located at the token `begin`, if their
+    sizes do not fit or the product is too long.
     """
     *others, last = factors
     column, width = [row[0] for row in last], 1

@@ -352,7 +352,7 @@ class Clause:
 _CONSTANT = (["const"], ["constant"], ["konst"])  # Right sides that state that a quantity is constant
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")  # Matches a name that a line may define
 
-# Matches the name of a force such as a tension T1, which one equation may define for another
+# Matches the name of a force, such as a tension T1: one equation may define it, and another use it
 _FORCE = re.compile(r"[TNSFHVf](?:_?[0-9A-Za-z])?")
 _LONE = (("",), ("", "2"), ("", "^", "2"))  # Sides that are the defined name, written as "", or its square
 

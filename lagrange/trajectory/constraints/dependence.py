@@ -89,10 +89,10 @@ def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatAr
 
 
 def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> bool:
-    """Return True if the rows of the gradient G are clearly independent at a state y (2n,).
+    """Return True if a quick test shows that the rows of the gradient G are independent at a state y (2n,).
 
-    In addition, no row may be much smaller at y than at one nearby state. This quick test takes 0.02 ms for a four-bar
-    linkage. If it fails, `dependence_around` decides, in 0.8 ms.
+    The test fails also if a row at y is much smaller than the same row at a nearby state. It takes 0.02 ms for a
+    four-bar linkage. If it fails, `dependence_around` decides, in 0.8 ms.
     """
     q = model.layout.split(y)[0]
     beside = y.copy()

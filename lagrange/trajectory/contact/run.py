@@ -342,9 +342,10 @@ class _ContactRun:
         return replace(part, status=Status.UNRELIABLE, message=f"{part.message} {note}")
 
     def _passed_changes(self, friction: WrittenFriction, mode: Mode) -> list[tuple[float, Mode]] | None:
-        """Return the changes between sliding and sticking in the last segment: for each the time and the mode after it.
+        """Return pairs (time, mode after it) of the changes between sliding and sticking in the last segment, or None.
 
-        None means that the segment is run again without them: a step failed, or rounding opened a gap or began a slip.
+        None means that the segment must be run again without compiled changes: a step failed, or rounding opened a gap
+        or began a slip.
         """
         segment, last = self.part, last_state(self.part)
         if segment.status in FAILED:

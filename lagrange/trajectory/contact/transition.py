@@ -234,10 +234,11 @@ class Transitions:
     def _balance(
         self, touch: ContactState, laws: dict[int, Friction], free_rates: FloatArray, what: str
     ) -> tuple[list[int], Balance]:
-        """Return the forces, or impulses, of contacts at rest in `touch`, and the rows to which they belong.
+        """Return the forces of the contacts at rest in `touch`, or their impulses in an impact, and the row of each.
 
-        `laws` has the friction of each contact. `free_rates` (rows,) are the accelerations, or rates, without forces.
-        Raises `Undetermined` unless there is one solution; `what` is "motion" or "impact" in its message.
+        `laws` has the friction of each contact by index. `free_rates` (rows,) are the accelerations of gaps and slips
+        without these forces, or their rates after an impact without these impulses. Raises `Undetermined` unless there
+        is exactly one solution; `what` is "motion" or "impact" in its message.
         """
         kin = self.kinematics
         rows = [row for i, law in laws.items() for row in kin.rows[i][: 1 + law.components]]

@@ -226,11 +226,11 @@ class SeriesWatch(EventLog):
         return zero_root(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
 
     def _on_surface(self, zeros: Sequence[EventZero], before: Sequence[Side], state: DriverState) -> list[EventZero]:
-        """Return the events among some zeros, with the directions that hold after the crossing of a surface.
+        """Return the events among `zeros`, with their directions after the crossing of a switching surface.
 
-        All `zeros` are zeros of event functions at the state, on a surface that has just been crossed. A direction may
-        change: abs(x) turns back at x = 0, so its zero is a touch. `before` are the signs of all watched functions
-        before the crossing.
+        All `zeros` are zeros of event functions at the state, on a surface that has just been crossed. The crossing may
+        change a direction: abs(x) turns back at x = 0, so its zero is a touch. `before` are the signs of all watched
+        functions before the crossing.
         """
         events = []
         for zero in zeros:

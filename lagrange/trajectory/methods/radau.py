@@ -137,7 +137,7 @@ def Radau5(rtol: float | None = None, atol: float | None = None) -> ImplicitMeth
 
 
 STAGES = 3
-"""Number of stages of the method with multipliers."""
+"""Number of stages of `radau5_index2`, the method for systems with constraints."""
 
 A, _, C = collocation_tableau(POINTS[STAGES])
 
