@@ -14,8 +14,9 @@ from lagrange.equations.terms import ONE, Algebra, Monomial, MonomialSum, common
 LONGEST_DENOMINATOR = 12
 """Largest number of terms of a denominator for which a common factor with the numerator is searched."""
 LARGEST_DEGREE = 5000
-"""Largest product of (degree + 1) over the variables for which this search is made. The numbers in it have about as
-many digits."""
+"""Largest product of (degree + 1) over all variables for which a common factor of numerator and denominator is
+searched. The search uses integers with about as many digits as this product.
+"""
 LONGEST_SUM = 6  # Largest number of terms of a sum in parentheses that is expanded, or used as a divisor, on trial
 HIGHEST = 3  # Largest difference of the powers of such a sum in terms that are merged
 
@@ -76,9 +77,9 @@ def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
 
 
 def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
-    """Return a sum of monomials, shortened by merging terms that differ in powers of one factor and of its symbols.
+    """Return a sum of monomials in which terms are merged that differ only in powers of a factor and of its symbols.
 
-    This factor is a sum in parentheses, with the index `k`. Terms are merged only if fewer terms result.
+    The factor is a sum such as (x + y), and has the index `k`. Terms are merged only if fewer terms result.
     """
     inside = algebra.free(k)
     groups: dict[Any, MonomialSum] = {}

@@ -207,12 +207,11 @@ MOST_SETTLED = 12
 
 
 def first_order_rates(solved: ConstraintEquations, first_order: Sequence[int], v: Sequence[Node]) -> dict[Node, Node]:
-    """Return the velocities of coordinates of first order, {velocity: its value from the equations of first order}.
+    """Return {velocity: formula} for the coordinates of first order, solved from their equations.
 
-    The equations are the last of the constraints `solved`, one for each index in `first_order`. The motion has these
-    values, but a state may have other velocities, after a jump of a force or if a start leaves them at zero. The result
-    is {} for equations that are not linear in these velocities, that do not determine them, or that are coupled and too
-    many.
+    `first_order` has the indices of these coordinates. Their equations are the last ones of `solved`, in this order. A
+    state may have other velocities, after a jump of a force or if the start leaves them at zero. The result is {} if
+    the equations are not linear in the velocities, do not determine them, or are coupled and more than `MOST_SETTLED`.
     """
     count = len(first_order)
     square = [[row[i] for i in first_order] for row in solved.gradient[-count:]]

@@ -155,7 +155,7 @@ def known_statement(statement: Statement) -> Statement:
 def allowed_equations(statement: Statement, reach: Reach) -> Equations:
     """Return the equations of motion, without redundant constraints if the statement allows such constraints.
 
-    `reach` is a function that finds states on the constraints, at which redundant constraints are determined.
+    `reach` projects states onto the constraints. At the projected states the redundant constraints are identified.
     """
     equations = euler_lagrange(statement)
     if statement.redundant == REFUSE or len(statement.constraints) < 2:

@@ -362,7 +362,7 @@ class _Differences:
         whole, constrained = bool(self.first_order) or isinstance(columns, Direction), bool(constraints.holonomic)
 
         def further(q: Any, v: Any, t: Any) -> Any:
-            """Return [dp/dt - f - G^T lambda, G a + gamma], without dp/dt - f if it is differentiated separately."""
+            """Return [dp/dt - f - G^T lambda, G a + gamma] with constant a and lambda; dp/dt - f only if `whole`."""
             free, v = self.still, self.settled_velocities(q, v)
             if whole:
                 free = source.residual(q, v, t, steps, a)

@@ -573,7 +573,7 @@ class NumpyMachine:
     def dense(
         self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
     ) -> NumpyDense:
-        """Return the dense output of steps: the polynomial on each step, printed as Python on arrays."""
+        """Return the dense output of steps by the polynomial `kind`, computed by printed Python code on arrays."""
         n, write = kernel.program.states, partial(write_steps, kind, kernel, parameters, jacobian)
         return NumpyDense(n, kind.degree, kind.derivative, partial(kind.size, n), write)
 

@@ -61,7 +61,7 @@ class Outputs:
 
 
 NO_OUTPUTS = Outputs(np.empty(0), 1)
-"""Outputs of a run without output times; the counts in its record stay zero."""
+"""The outputs of a run without output times. All such runs share them, because nothing is written to them."""
 
 
 class DriverState:

@@ -468,11 +468,11 @@ def _steady_rotations(
 
 
 def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]) -> list[Equilibrium]:
-    """Return the motions of a body that turns steadily at `rate` about the axis of space with index `axis`.
+    """Return the motions in which a body turns steadily at `rate` about the axis of space with index `axis`.
 
-    They are searched for in angles whose spin is about the axis of symmetry of the body, if it has one. These angles
-    are singular at two tilts, the poles, where a factor such as sin(tilt) is zero. The poles are examined in other
-    angles.
+    The unknowns are angles of the body. The last angle turns the body about its axis of symmetry, if it has one. These
+    angles are singular at two tilts, the poles, where a factor such as sin(tilt) is zero. For the poles the equations
+    are solved again in another set of angles. `others` maps other ignorable coordinates to their constant velocities.
     """
     chart, third = cache(lambda last: _Angles(statement, axis, last)), (axis + 2) % 3
     if chart(axis).angles[0] not in chart(axis).free:

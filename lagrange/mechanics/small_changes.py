@@ -201,7 +201,7 @@ class DependentCoordinates:
 
 
 def _pivots(gradient: Any) -> tuple[list[int], list[int]]:
-    """Return indices of independent rows of a matrix, and of the leftmost columns that make these rows regular."""
+    """Return the row and column indices of a largest regular square part of a matrix, the leftmost columns possible."""
     symbols = sorted(gradient.free_symbols, key=str)
     left = numeric(gradient, {s: sympy.Rational(13 + 7 * k, 10 + k) for k, s in enumerate(symbols)})
     rows: list[int] = []

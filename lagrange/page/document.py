@@ -34,8 +34,9 @@ METHOD = "dop853"  # Integration method with which a page computes the motion
 ALWAYS = ("rhs", "energy", METHOD)  # Quantities that every page exports; some systems add others
 
 TOLERANCE = 1e-13
-"""Relative and absolute tolerance of the steps. The double pendulum drifts by some 1e-12 in a minute; a picture takes
-30 us."""
+"""Relative and absolute tolerance of the steps. In a minute of motion the energy of the double pendulum drifts by some
+1e-12. The computation of one picture takes 30 us.
+"""
 
 PAGE_STEPS = 5000  # Largest number of integration steps between two states that a page draws; a pendulum takes one
 
@@ -72,7 +73,7 @@ SHOWN = 20.0
 
 
 ENERGIES = ("E", "T", "V")
-"""Names of the energies in the order of the scripts: the conserved E first; T and V only if they were stated."""
+"""Names of the conserved energy E and, if they were stated, of T and V. The scripts of a page use the same order."""
 
 
 def description(statement: Statement, rate: float, energies: Sequence[str], energy_letter: str) -> dict[str, Any]:

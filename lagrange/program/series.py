@@ -206,9 +206,9 @@ class SeriesProgram:
         return tuple(i for i in values if self.depth[i] == solved and self.rules[i].op != "unknown")
 
     def _outputs(self, *, left: bool) -> list[int]:
-        """Return the indices of dq/dt, and of the series values that linear systems, events or later orders read.
+        """Return the indices of dq/dt, watched functions, and all values that linear systems or later orders read.
 
-        With `left` the momenta on the left of the linear systems are included.
+        With `left` the result includes the momenta, which are the left sides of the linear systems.
         """
         named = [value for stage in self.stages for value in (*(stage.left if left else ()), *stage.right)]
         kept = kept_values(self.rules) | kept_values(self.rules, ranked=True) | lagged_values(self.rules)

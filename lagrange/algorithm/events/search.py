@@ -61,7 +61,7 @@ ignored.
 """
 
 MOST_ZEROS = 128
-"""Largest number of zeros on one step that a review handles."""
+"""Largest number of zeros on one step that the search for events handles."""
 
 
 Part = tuple[float, float, int, float, float]

@@ -112,7 +112,7 @@ CONDITIONS = frozenset(op for op, signatures in OPERATIONS.items() if signatures
 """Names of operations whose result is true or false."""
 
 MOSTLY_ZERO = 4
-"""A triangle is cleared in a loop if its size is at least this many times the number of its nonzero entries."""
+"""Ratio of all entries of a triangle to the nonzero ones, above which a loop first sets all entries to zero."""
 
 
 @dataclass(frozen=True)
@@ -499,10 +499,11 @@ class Body:
     def written_out(
         self, factor: int, factors: FactoredMatrix, right: Sequence[Sequence[Real | None]]
     ) -> list[list[Real]]:
-        """Return the solutions of linear systems, by the entries of `factors`.
+        """Emit single statements that solve linear systems with a factored matrix, and return the solutions.
 
-        If a pivot is too small, the solutions are computed with pivoting. If the style has no pivoting, they count as
-        failed. `factor` is the index of the instruction that factors the matrix, and `right` has the right-hand sides.
+        `factor` is the index of the instruction that factors the matrix, `factors` are the entries of the factors, and
+        `right` has the right-hand sides. If a pivot is too small, or a solution is inaccurate, the emitted code solves
+        the systems again with pivoting. If the style has no pivoting, it records a failure instead.
         """
         p, instruction, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
         failed = self.fails()

@@ -16,7 +16,10 @@ NOTHING: Names = frozenset()
 
 
 class Carried(NamedTuple):
-    """Names of a branch or loop that are read after it, or in its next iteration: `on` are those that it sets."""
+    """Names that a branch or loop sets, and that are read after it or in its next iteration.
+
+    `on` has all these names, which are called carried.
+    """
 
     on: Names
     anew: Names = NOTHING

@@ -90,7 +90,7 @@ def stored_statement(text: Any) -> Statement:
 
 
 class SceneDocument(Document):
-    """TOML file whose values are read as numbers, and by a `reader` as expressions.
+    """TOML file of a scene, whose values are read as numbers or as SymPy expressions.
 
     A path to a value consists of keys and indices, such as ("positions", "bob", 0).
     """

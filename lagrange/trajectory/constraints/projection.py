@@ -205,7 +205,7 @@ class Projection:
     def violated(self, y: FloatArray, before: FloatArray) -> str | None:
         """Return a sentence on the constraints that a state y (2n,) violates by more than rounding, or None.
 
-        The inertias at the state `before` (2n,), where the mass matrix is finite, are the units of displacements.
+        Displacements are scaled by the inertias at the state `before` (2n,), where the mass matrix is finite.
         """
         units = units_of(self.metric(before))
         for part in (0, 1):

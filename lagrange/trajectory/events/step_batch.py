@@ -197,7 +197,7 @@ def state_noise(
 
 
 def _sampled(path: StepsPath, steps: Places, degree: int) -> FloatArray:
-    """Return the states (2n, k, degree + 1) at the Chebyshev nodes of k steps: accepted states at both ends."""
+    """Return the states (2n, k, degree + 1) of k steps at Chebyshev nodes; the outermost ones are accepted states."""
     size, inner = path.states.shape[1], nodes(degree)[1:-1]
     states = np.empty((size, len(steps), degree + 1))
     states[..., 0], states[..., -1] = path.states[steps].T, path.states[steps + 1].T
