@@ -1,4 +1,4 @@
-"""Euler's method against the classical Runge-Kutta method on a pendulum, with equal steps.
+"""Euler's method against the classical Runge-Kutta method on a pendulum, with fixed steps.
 
 Euler's method adds energy in every step, until the pendulum goes over the top; RK4 with the same step loses an amount
 that the eye does not see. The errors fall with the first and with the fourth power of the step [1]. Exact is

@@ -56,7 +56,7 @@ double chained(kernel *f, const double *p, const double *states, int64_t count, 
     return total;
 }
 
-/* The classical Runge-Kutta method with `steps` equal steps, every state kept: rows[steps + 1][4]. */
+/* The classical Runge-Kutta method with `steps` fixed steps, every state kept: rows[steps + 1][4]. */
 void rk4(const double *p, double h, int64_t steps, double *restrict rows)
 {
     double a[4], b[4], c[4], d[4], y[4];

@@ -1,4 +1,4 @@
-"""The energy over long runs with equal steps: every registered method of that kind, and Taylor's beside them.
+"""The energy over long runs with fixed steps: every registered method of that kind, and Taylor's beside them.
 
 python docs/benchmarks/energy.py
 """
@@ -37,7 +37,7 @@ def adaptive_run(model: lg.Model, method: str, step: float) -> LongRun:
 
 
 def runs(page: Page, system: lg.System) -> dict[str, LongRun]:
-    """Run every method that takes equal steps, and the adaptive ones of ours."""
+    """Run every method that takes fixed steps, and the adaptive ones of ours."""
     model, step = system.compile(), STEPS[system.name]
     found: dict[str, LongRun] = {}
     rows: list[Sequence[object]] = []

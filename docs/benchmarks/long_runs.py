@@ -1,4 +1,4 @@
-"""Long runs with equal steps, in blocks, and whether the energy drifts along them."""
+"""Long runs with fixed steps, in blocks, and whether the energy drifts along them."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ STIFFNESS, OMEGA = 1e4, 50.0
 FAMILIES = {
     "taylor": "#d1495b",
     "explicit, step control": "#0b6e99",
-    "explicit, equal steps": "#7fb7d1",
+    "explicit, fixed steps": "#7fb7d1",
     "splitting": "#3c7d45",
     "implicit or variational": "#a35c00",
     "SciPy, SUNDIALS": "#8a8a8a",
@@ -105,7 +105,7 @@ def family(name: str) -> str:
         return "implicit or variational"
     if claims.adaptive:
         return "explicit, step control"
-    return "splitting" if claims.symplectic else "explicit, equal steps"
+    return "splitting" if claims.symplectic else "explicit, fixed steps"
 
 
 def measure(page: Page, case: Case, names: Sequence[str], cache: Cache) -> Any:

@@ -31,7 +31,7 @@ SPANS = {
 
 TOLERANCE, DENSITIES, RANDOM = 1e-9, (10, 100), 100_000
 OURS = ("taylor", "dop853")
-OTHERS, EQUAL_STEPS, STEPS = ("tsit5", "verner9", "radau5", "rk4", "gauss3"), ("rk4", "gauss3"), 20_000
+OTHERS, FIXED_STEPS, STEPS = ("tsit5", "verner9", "radau5", "rk4", "gauss3"), ("rk4", "gauss3"), 20_000
 GRID_BAR, LARGER_BAR, SCIPY_BAR = 1.0, 0.7, 100.0
 AT_BARS = {2: 0.2, 10: 1.0}
 """Microseconds that a state at a random time may take, by the number of coordinates."""
@@ -134,7 +134,7 @@ def at_any_time(page: Page, options: Namespace) -> None:
         bar = next((AT_BARS[k] for k in sorted(AT_BARS) if n <= k), float("inf"))
         for method in options.methods:
             run = partial(lg.integrate, model, (0.0, end), initial, method=method)
-            given: dict[str, Any] = {"step": end / STEPS} if method in EQUAL_STEPS else {"rtol": TOLERANCE}
+            given: dict[str, Any] = {"step": end / STEPS} if method in FIXED_STEPS else {"rtol": TOLERANCE}
             solution = run(**given)
             if not solution.status.at_end:
                 continue

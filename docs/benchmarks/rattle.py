@@ -89,7 +89,7 @@ def main() -> None:
     page.text(
         "A symplectic method errs more at first, and no more at last. The energy errors of projected steps add up, a "
         "hundred times in a hundred times as many swings, and are the smaller ones all the same where the tolerance is "
-        "tight: a symplectic method is for equal steps, for many more swings, and where the form itself matters."
+        "tight: a symplectic method is for fixed steps, for many more swings, and where the form itself matters."
     )
     page.write()
 

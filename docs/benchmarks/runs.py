@@ -41,7 +41,7 @@ def error(y: NDArray[Any], expected: NDArray[Any]) -> float:
     return float(np.abs(y - expected).max())
 
 
-def equal_steps(page: Page, system: lg.System, expected: NDArray[Any]) -> None:
+def fixed_steps(page: Page, system: lg.System, expected: NDArray[Any]) -> None:
     """Measure RK4 with a step of a millisecond against a loop in C."""
     model, hand, y0 = system.compile(), ByHand(), start(system)
     count = round(T_END / STEP)
@@ -168,7 +168,7 @@ def main() -> None:
     page = Page("Whole runs", __file__)
     pendulum, stars = double_pendulum(), henon_heiles()
     expected = {system.name: final_state(system, T_END)[0].astype(float) for system in (pendulum, stars)}
-    equal_steps(page, pendulum, expected[pendulum.name])
+    fixed_steps(page, pendulum, expected[pendulum.name])
     adaptive(page, pendulum, expected[pendulum.name])
     flows(page, pendulum)
     page.text("## Error against time, every registered method")

@@ -23,7 +23,7 @@ import lagrange as lg
 from lagrange.trajectory.methods.registry import find
 
 STEPS, H = 2000, 1e-4
-"""Of one run with equal steps; they are short, so that no evaluation costs more than another."""
+"""Of one run with fixed steps; they are short, so that no evaluation costs more than another."""
 EXPLICIT = {"euler": 1, "heun": 2, "rk4": 4, "symplectic-euler": 1, "verlet": 1, "yoshida6": 7}
 """Evaluations of a step."""
 NEWTON = (
@@ -48,8 +48,8 @@ def systems() -> dict[str, lg.System]:
     return {**{name: lg.scene(name) for name in scenes}, **few, **chains}
 
 
-def equal_steps(page: Page) -> None:
-    """Measure explicit methods with equal steps against their evaluations."""
+def fixed_steps(page: Page) -> None:
+    """Measure explicit methods with fixed steps against their evaluations."""
     lines, worst = [], 0.0
     for name, system in systems().items():
         model, y0 = system.compile(), start(system)
@@ -67,7 +67,7 @@ def equal_steps(page: Page) -> None:
         worst = max(worst, *ratios.values())
         cells = [f"{ratios[method]:.2f}" if method in ratios else "refused" for method in EXPLICIT]
         lines.append((name, 2 * model.dimension, shown(1e9 * one / STEPS), *cells))
-    page.text("## Equal steps, over stages times one evaluation")
+    page.text("## Fixed steps, over stages times one evaluation")
     page.table(("system", "numbers of a state", "ns of one evaluation", *EXPLICIT), lines)
     page.text(
         f"At most {COST_BAR} times: {verdict(worst, COST_BAR)}, the largest is {worst:.2f}. One evaluation is the "
@@ -148,7 +148,7 @@ def namesakes(page: Page) -> None:
 def main() -> None:
     """Measure, print and write the page."""
     page = Page("Cost of steps", __file__)
-    equal_steps(page)
+    fixed_steps(page)
     newton(page)
     namesakes(page)
     page.write()

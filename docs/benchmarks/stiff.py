@@ -29,7 +29,7 @@ T_END, ANGLE = 2.0, 1.0
 STIFFNESS = (1e2, 1e4, 1e6, 1e8, 1e10)
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10)
 STEPS = (100, 400, 1600, 6400)
-"""Of a method with equal steps, in place of tolerances."""
+"""Of a method with fixed steps, in place of tolerances."""
 GOALS = (1e-4, 1e-7)
 LIMIT = 5.0
 """Seconds of one run, beyond which a method is not waited for."""
@@ -168,7 +168,7 @@ def measure(page: Page, case: Case, methods: Sequence[str], rounds: int) -> tupl
         fixed = label in claims and not claims[label].adaptive
         settings = STEPS if fixed else TOLERANCES
         cells = [shown_point(at.get((label, k)), case.lost.get((label, k), "none")) for k in settings]
-        rows.append([label + (" (equal steps)" if fixed else ""), *cells])
+        rows.append([label + (" (fixed steps)" if fixed else ""), *cells])
     page.text(f"## k = {case.k:.0e}: springing is {math.sqrt(case.k) / math.pi:.3g} times as fast as swinging")
     page.table(("method", *(f"{t:.0e}: ms, error, steps" for t in TOLERANCES)), rows)
     extra = [(case.points[b].seconds - case.points[a].seconds) / calls for a, b, calls in prices]

@@ -91,7 +91,7 @@ def add_race(command: CommandParser) -> None:
     add_start(command, method=False)
     command.add_argument("--methods", metavar="A,B", help="methods, such as dop853,rk4 (default: a telling choice)")
     command.add_argument("--tolerances", metavar="X,Y", help="tolerances of adaptive methods (default: 1e-3 to 1e-13)")
-    command.add_argument("--steps", metavar="H,K", help="steps of methods with equal steps (default: nine that fit)")
+    command.add_argument("--steps", metavar="H,K", help="steps of methods with fixed steps (default: nine that fit)")
     command.add_argument("--outputs", metavar="N", help="look at the errors at N times instead of the end")
     command.add_argument("--relative", action="store_true", help="divide each entry's error by the entry's size")
     command.add_argument("--digits", metavar="N", help="digits of the reference (default: 22)")

@@ -67,7 +67,7 @@ NO_OUTPUTS = Outputs(np.empty(0), 1)
 class DriverState:
     """State of a run. Arrays are shared with machine code, with entries in the order of the constants below.
 
-    `reals`: T is the time and END the end time of the run. START and STEP define the grid of equal steps. H is the
+    `reals`: T is the time and END the end time of the run. START and STEP define the grid of fixed steps. H is the
     next step, signed, or 0 if it is to be chosen. LONGEST bounds the size of all steps. PREVIOUS is the error norm of
     the last step. CAUSE is the `Outcome` for which the last trial was rejected. RESIDUAL is the size of the last
     correction of an implicit step relative to its unknowns.

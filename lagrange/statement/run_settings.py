@@ -39,7 +39,7 @@ DESCRIPTIONS = {
     "method": f"integrator, such as dop853 or rk4 (default: that of the scene, or {DEFAULT_METHOD})",
     "rtol": f"relative tolerance of an adaptive method (default: {DEFAULT_RTOL:g})",
     "atol": "absolute tolerance of an adaptive method; by default it follows the size of each entry",
-    "step": "step of a method with equal steps",
+    "step": "step of a method with fixed steps",
 }
 """Descriptions of the settings of a run, by name."""
 

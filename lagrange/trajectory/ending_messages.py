@@ -94,7 +94,7 @@ def message(
     `y` (2n,) is the state that is not finite, else the last accepted state. `slope` (2n,) is its derivative dy/dt,
     given if it is not finite. `detail` is one more sentence on the cause; for a singular mass matrix it replaces the
     sentence on the status. `cause` replaces the sentences on cause and remedy. `rtol` is the relative tolerance, None
-    for equal steps.
+    for fixed steps.
     """
     if status.complete and not (detail or cause):
         backwards = " Time ran backwards." if status is Status.SUCCESS and problem.t1 < problem.t0 else ""
@@ -126,7 +126,7 @@ def message(
 def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: float | None) -> str:
     """Return the sentence that says what to do after a run ended with `status`, or "".
 
-    `y` (2n,) is the last state, and `rtol` the relative tolerance, None for equal steps. `method` is the name of the
+    `y` (2n,) is the last state, and `rtol` the relative tolerance, None for fixed steps. `method` is the name of the
     method.
     """
     if status.at_end or status is Status.INTERRUPTED:

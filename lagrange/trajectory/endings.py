@@ -108,7 +108,7 @@ to which the least singular value must decrease."""
 
 
 def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
-    """Return the message for a run with equal steps that fails because two motions cross ahead of y (2n,), else ""."""
+    """Return the message for a run with fixed steps that fails because two motions cross ahead of y (2n,), else ""."""
     if not len(problem.model.equations.constraints):
         return ""
     try:
@@ -129,7 +129,7 @@ value of constraint gradients or mass matrix, relative to that at the start.
 """
 
 SHRUNK, TREND_STEPS = 0.5, 32
-"""After equal steps that fail, a singular state ahead is searched for with step control if the regularity is below the
+"""After fixed steps that fail, a singular state ahead is searched for with step control if the regularity is below the
 first number, and has decreased during the second number of steps. During fewer steps a turn of a constraint gradient,
 which changes the regularity by up to sqrt(2), may hide the decrease.
 """
@@ -141,7 +141,7 @@ SEARCH_SECONDS, SEARCH_MEMORY = 5.0, 2.0**28
 def with_singular_state_ahead(problem: Problem, run: Trajectory, follow: Callable[[Problem], Trajectory]) -> Trajectory:
     """Return a run that diverged, with the status SINGULAR if its steps are equal and a singular state is the cause.
 
-    For example a mass on a rod that shrinks to a point turns faster and faster, and equal steps fail long before the
+    For example a mass on a rod that shrinks to a point turns faster and faster, and fixed steps fail long before the
     point. `follow` runs a problem with step control. It continues the run for twice the time in which the regularity
     would decrease to zero at its present rate.
     """
@@ -178,22 +178,22 @@ def with_singular_state_ahead(problem: Problem, run: Trajectory, follow: Callabl
         return run
     detail = (
         f"its steps are too long for the motion ahead, which ends at t = {number(end)}: "
-        f"{rank_lost(problem, last, singular, equal_steps=True)}"
+        f"{rank_lost(problem, last, singular, fixed_steps=True)}"
     )
     return replace(
         run, status=Status.SINGULAR, message=message(Status.SINGULAR, problem, t, y, run.method, detail=detail)
     )
 
 
-def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, equal_steps: bool = False) -> str:
+def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, fixed_steps: bool = False) -> str:
     """Return the message for a run that ends at a state (2n,) where constraints or inertia become singular.
 
     `singular` has the dependent constraints, or the velocities without inertia. Its `regularity` is their least
-    singular value, divided by the value at the start. `equal_steps` is True if the run failed with equal steps before
-    this state: then the message does not advise equal steps, and names the coordinates without the velocities.
+    singular value, divided by the value at the start. `fixed_steps` is True if the run failed with fixed steps before
+    this state: then the message does not advise fixed steps, and names the coordinates without the velocities.
     """
     layout = problem.model.layout
-    named = zip(layout.coordinates if equal_steps else layout.names(), y, strict=False)
+    named = zip(layout.coordinates if fixed_steps else layout.names(), y, strict=False)
     state = few([f"{name} = {number(x)}" for name, x in named])
     share = singular.regularity
     left = f"{share:.2g} times its value at the start"
@@ -206,7 +206,7 @@ def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, equal_step
     what = f"their least singular value is {left}"
     if len(singular.rows) == 1:
         what = f"these derivatives are {share:.2g} times their values at the start"
-    other = "" if equal_steps else ", or, if the motion is smooth there, pass it with equal steps, such as those of rk4"
+    other = "" if fixed_steps else ", or, if the motion is smooth there, pass it with fixed steps, such as those of rk4"
     return (
         f"{dependent_rows(problem.model.equations.constraints.names, singular)} there, at {state}: {what}, and the "
         f"accelerations grow beyond all bounds. End the run before it{other}."
@@ -223,7 +223,7 @@ def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
     names = problem.model.equations.constraints.names
     return (
         f"{dependent_rows(names, dependent)} near there, and an error as small as the tolerance decides how the motion "
-        f"goes on. The state is {state}. End the run before it, or pass it with equal steps, such as those of rk4."
+        f"goes on. The state is {state}. End the run before it, or pass it with fixed steps, such as those of rk4."
     )
 
 

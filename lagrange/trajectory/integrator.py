@@ -40,7 +40,7 @@ LEAST_ATOL = 1e-300
 class Tolerances:
     """Tolerances and step lengths of a driver, and notes for the user.
 
-    `rtol` and `atol` are the relative and absolute tolerance. `step` is the size of equal steps, and 0 for steps of
+    `rtol` and `atol` are the relative and absolute tolerance. `step` is the size of fixed steps, and 0 for steps of
     variable size, which `longest` bounds. If `share` is not zero, the absolute tolerance of an entry of the state
     begins with `atol`. Later it is at least `share` times the largest size of the entry so far. A driver multiplies
     the tolerances by `margin`.

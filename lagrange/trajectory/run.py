@@ -105,7 +105,7 @@ class Flow:
         # With events, switching surfaces or discontinuous constraints each call of the flow is a complete run.
         handled = plan is None or plan.watched or bool(model.statement.contacts) or may_be_discontinuous(model)
         self._plan: Plan | None = None if handled else plan
-        # Equal steps are not shortened near dependent constraints, so runs with equal steps do not search for them.
+        # Fixed steps are not shortened near dependent constraints, so runs with fixed steps do not search for them.
         self._rtol = 0.0 if plan is None or not self._constrained else plan.tolerances.rtol
 
     def __repr__(self) -> str:

@@ -140,7 +140,7 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
             parts.append(point_of(problem, parts[-1], y, last))
             break
     step, chosen = parts[0].step, problem.step is None and len(parts) > 1
-    note = f"No step was given: equal steps of {number(step)} were taken." if chosen and step is not None else ""
+    note = f"No step was given: fixed steps of {number(step)} were taken." if chosen and step is not None else ""
     whole_run = joined(problem, parts, note)
     return replace(whole_run, history=ParameterHistory(np.array(begins), np.stack(values), np.array(added)))
 

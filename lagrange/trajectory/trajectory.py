@@ -111,7 +111,7 @@ class Trajectory:
     accepted and rejected steps. `evaluations` is the number of evaluations of the right-hand side, or of the series.
     `wall` is the duration in seconds without compilation. `form` says how the method computed its steps, if it has a
     choice. For each event, `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset.
-    `step` is the length of equal steps, or None with step control. `rtol` and `atol` are the tolerances of an adaptive
+    `step` is the length of fixed steps, or None with step control. `rtol` and `atol` are the tolerances of an adaptive
     method, or None. `history` has the parameters of each segment if events set some. `contacts` is the history of
     contacts.
     """

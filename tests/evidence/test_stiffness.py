@@ -101,7 +101,7 @@ def test_the_limit_on_the_imaginary_axis_is_where_growth_begins() -> None:
             assert stability_limit(polynomial, angle) == pytest.approx(limit, abs=0.03)
 
 
-def test_equal_steps_near_the_limit_are_seen() -> None:
+def test_fixed_steps_near_the_limit_are_seen() -> None:
     system = oscillator(-1e3 * x.dot)
     assert (result := system.run(1.0, method="rk4", step=2.5e-3).stiff) and result.limit == pytest.approx(
         2.785, abs=0.01

@@ -57,7 +57,7 @@ class Fault:
 
     `about` describes the fault. `truth` returns the exact states, or is None if there is no right answer. The stored
     states must agree with them to a part of the largest magnitude of each row: `close` for adaptive methods, `fine`
-    for equal steps of order 2 or more, `rough` for order 1. `events` are the exact times of the events.
+    for fixed steps of order 2 or more, `rough` for order 1. `events` are the exact times of the events.
 
     A run may end early with one of `statuses`, at a time within `window`; its states until the time `compared` must
     be right. If the motion itself ends, `until` is the time of its end. `words` is a pattern in the message of such a

@@ -14,7 +14,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 from tests.faults.fault import GAVE_UP, Fault
 from tests.faults.motions import NO_NUMBER, cosine, particle, x
 
-NOT_OF_A_FIXED_STEP = "takes equal steps and cannot aim at a tolerance"
+NOT_OF_A_FIXED_STEP = "takes fixed steps and cannot aim at a tolerance"
 CHOOSES_ITS_STEPS = "chooses its steps by itself"
 
 
@@ -64,7 +64,7 @@ REQUESTS = (
     ),
     Fault(
         "wrong setting",
-        "a step for an adaptive method, tolerances for one with equal steps",
+        "a step for an adaptive method, tolerances for one with fixed steps",
         bob,
         refusal=(CHOOSES_ITS_STEPS, NOT_OF_A_FIXED_STEP),
         adaptive={"step": 0.1},
@@ -263,7 +263,7 @@ EVENTS = (
     ),
     Fault(
         "event between steps",
-        "the event is zero where equal steps end, once",
+        "the event is zero where fixed steps end, once",
         free,
         end=3.0,
         step=0.125,

@@ -82,7 +82,7 @@ def weighed() -> Model:
 
 STUCK, WRONG = (*NO_NUMBER, Status.SINGULAR), (*NO_NUMBER, Status.UNRELIABLE)
 LONG = (*NO_NUMBER, Status.MAX_STEPS, Status.UNRELIABLE)
-"""How a run may end that loses its inertia, that a method with equal steps does not follow, or that takes too long."""
+"""How a run may end that loses its inertia, that a method with fixed steps does not follow, or that takes too long."""
 
 FAULTY = (
     Faulty("nan force", lambda: forced(Piecewise((-x + c, t < onset)), place=1.0), "onset", 0.5, (5.0, 9.0), NO_NUMBER),

@@ -18,12 +18,12 @@ from lagrange.members.singly import RunEngine
 from lagrange.trajectory.events import compiled_loop
 from tests.systems import chain
 
-EQUAL_STEPS: dict[str, dict[str, Any]] = {"rk4": {"step": 0.02}, "forest-ruth4": {"step": 0.02}}
+FIXED_STEPS: dict[str, dict[str, Any]] = {"rk4": {"step": 0.02}, "forest-ruth4": {"step": 0.02}}
 METHODS: dict[str, dict[str, Any]] = {
     "taylor": {"rtol": 1e-10},
     "dop853": {"rtol": 1e-10},
     "tsit5": {"rtol": 1e-8},
-    **EQUAL_STEPS,
+    **FIXED_STEPS,
 }
 """Series; steps with their errors under control, which cubics screen, and equal ones; paths by stages and by slopes."""
 
@@ -160,13 +160,13 @@ def random_ensemble(rng: np.random.Generator) -> tuple[lg.System, dict[str, Any]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
-@pytest.mark.parametrize("method", EQUAL_STEPS)
-def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
+@pytest.mark.parametrize("method", FIXED_STEPS)
+def test_events_on_fixed_steps_are_those_of_the_compiled_loop_to_the_last_bit(
     method: str, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With equal steps the bits are the same. A short run would search events on arrays, which add in another order."""
+    """With fixed steps the bits are the same. A short run would search events on arrays, which add in another order."""
     system, starts, given = random_ensemble(np.random.default_rng(seed))
-    given |= {"method": method, **EQUAL_STEPS[method]}
+    given |= {"method": method, **FIXED_STEPS[method]}
     monkeypatch.setattr(compiled_loop, "WORTH_COMPILING", 0)
     with runs_alone(monkeypatch) as left:
         together = lg.ensemble(system, 15.0, starts, **given)

@@ -1,4 +1,4 @@
-"""Runs for the tests of this folder: methods with equal steps, systems with constraints, events, failing points."""
+"""Runs for the tests of this folder: methods with fixed steps, systems with constraints, events, failing points."""
 
 import math
 import time
@@ -35,7 +35,7 @@ ADAPTIVE = tuple(name for name in NAMES if find(name).claims.adaptive)
 IMPLICIT = tuple(name for name in NAMES if isinstance(find(name), ImplicitMethod))
 """The methods that solve for their slopes."""
 STEPPED = tuple(name for name in NAMES if not isinstance(find(name), Taylor | ImplicitMethod))
-"""The methods that are explicit step programs: a series has no tableau, no fixed order, and no equal steps."""
+"""The methods that are explicit step programs: a series has no tableau, no fixed order, and no fixed steps."""
 OUTSIDE = (
     *(f"scipy-{name}" for name in ("rk23", "rk45", "dop853", "radau", "bdf", "lsoda")),
     *(["cvode"] if find_spec("sksundae") else []),
@@ -43,7 +43,7 @@ OUTSIDE = (
 """Solvers of other packages, as far as they are here."""
 SPLITTINGS = tuple(name for name in NAMES if isinstance(find(name), Splitting))
 EQUAL = tuple(name for name in IMPLICIT if name in FIXED)
-"""Implicit methods with equal steps; of those below, the ones that solve for momenta and for slopes."""
+"""Implicit methods with fixed steps; of those below, the ones that solve for momenta and for slopes."""
 CONTROLLED = tuple(name for name in IMPLICIT if name in ADAPTIVE)
 
 
@@ -78,7 +78,7 @@ def same(a: Trajectory, b: Trajectory) -> bool:
 
 
 def stepped(name: str, step: float) -> Any:
-    """Return a method with equal steps; an adaptive method loses its step control."""
+    """Return a method with fixed steps; an adaptive method loses its step control."""
     method = find(name)
     if isinstance(method, RungeKutta):
         return RungeKutta(replace(method.tableau, error=None), step=step)
@@ -220,7 +220,7 @@ def system(name: str, target: str = "llvm") -> Model:
 
 
 def equal(name: str) -> Any:
-    """Return an implicit method with equal steps; an adaptive method loses its error estimate."""
+    """Return an implicit method with fixed steps; an adaptive method loses its error estimate."""
     method = implicit(name)
     if method.control is None:
         return method

@@ -301,12 +301,12 @@ def test_a_run_that_rounding_would_decide_ends_before(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("method", ["gauss2", "gauss3", "rattle", "lobatto4"])
-def test_equal_steps_with_a_matrix_say_where_they_end(method: str) -> None:
+def test_fixed_steps_with_a_matrix_say_where_they_end(method: str) -> None:
     """The matrix of Newton's method is singular at such a configuration."""
     run = shared_scene("four-bar-change-point").run(2.0, method=method, step=0.01, check=False)
     assert run.status is lg.Status.SINGULAR, run.message
     assert min(abs(run.t[-1] - 0.722), abs(run.t[-1] - 1.244)) < 0.011
-    assert "'x'" in run.message and "pass it with equal steps, such as those of rk4" in run.message
+    assert "'x'" in run.message and "pass it with fixed steps, such as those of rk4" in run.message
     assert np.abs(run.y[0] - reduced().at(run.t)[0]).max() < 1e-3
 
 
@@ -410,8 +410,8 @@ def test_a_rod_that_shrinks_to_a_point_ends_a_run_long_before_its_steps_are_used
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["rk4", "heun", "gauss2", "gauss3", "rattle", "lobatto4", "bdf2"])
-def test_equal_steps_into_the_point_of_a_shrinking_rod_name_it(method: str) -> None:
-    """The mass turns faster and faster: equal steps fail where the rod has a tenth of its length."""
+def test_fixed_steps_into_the_point_of_a_shrinking_rod_name_it(method: str) -> None:
+    """The mass turns faster and faster: fixed steps fail where the rod has a tenth of its length."""
     rod = on_wire(x**2 + y**2 - (1 - lg.t) ** 2, {x: 1.0, x.dot: -1.0}, 9.81 * y)
     run = rod.run(2.0, method=method, step=0.003, check=False)
     assert run.status is lg.Status.SINGULAR and 0.9 < run.t[-1] < 1.0
@@ -420,7 +420,7 @@ def test_equal_steps_into_the_point_of_a_shrinking_rod_name_it(method: str) -> N
     assert run.message.endswith("grow beyond all bounds. End the run before it.") and len(run.message) <= 400
 
 
-def test_equal_steps_that_fail_before_a_shortest_rod_are_not_called_singular() -> None:
+def test_fixed_steps_that_fail_before_a_shortest_rod_are_not_called_singular() -> None:
     rod = on_wire(x**2 + y**2 - (1 - lg.t) ** 2 - 1e-4, {x: 1.0, x.dot: -1.0}, 9.81 * y)
     start = rod.consistent({x: 1.0, x.dot: -1.0}).initial
     run = rod.run(2.0, start, method="heun", step=0.01, check=False)

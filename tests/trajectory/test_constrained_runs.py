@@ -48,7 +48,7 @@ def error(name: str, t: float = 1.0, **options: Any) -> tuple[float, float]:
 
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", [name for name in PROJECTED if name in FIXED])
-def test_a_method_with_equal_steps_keeps_its_order_on_the_constraints(name: str) -> None:
+def test_a_method_with_fixed_steps_keeps_its_order_on_the_constraints(name: str) -> None:
     """Half the step size reduces the error by 2**-order, or the error is at round-off."""
     (coarse, first), (fine, second) = (error(name, step=step) for step in (0.01, 0.005))
     assert fine < coarse * 0.5 ** (find(name).claims.order - 0.5) or fine < 1e-12

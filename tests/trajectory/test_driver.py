@@ -35,7 +35,7 @@ SCENES = (
 @pytest.mark.parametrize("method", ADAPTIVE)
 @pytest.mark.parametrize("scene", SCENES)
 def test_both_machines_take_the_same_number_of_steps(scene: str, method: str) -> None:
-    """Both runs have equal steps; rounding may decide whether one more is needed."""
+    """Both runs have fixed steps; rounding may decide whether one more is needed."""
     runs = [lg.integrate(shared_scene(scene).compile(target=target), (0.0, 2.0), method=method) for target in TARGETS]
     assert abs(runs[0].steps - runs[1].steps) <= 1
 
@@ -89,7 +89,7 @@ def test_backward_is_forward_in_a_mirror(name: str, target: str) -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("direction", [1, -1])
-def test_equal_steps_are_a_grid_that_ends_at_the_end(target: str, direction: int) -> None:
+def test_fixed_steps_are_a_grid_that_ends_at_the_end(target: str, direction: int) -> None:
     compiled = model("oscillator", target)
     result = run(compiled, direction * 1.0, "rk4", step=0.3)
     assert result.t * direction == pytest.approx([0, 0.3, 0.6, 0.9, 1.0], abs=1e-15)

@@ -155,7 +155,7 @@ def test_gauss_integrates_twice_as_many_powers_as_it_has_stages(stages: int) -> 
 
 
 # --- rounding errors of long runs -----------------------------------------------------------------------------
-# Long runs of implicit methods with equal steps: errors of invariants grow only by random rounding.
+# Long runs of implicit methods with fixed steps: errors of invariants grow only by random rounding.
 #
 # By Brouwer's law the error of an invariant is then a random walk: some units of round-off times the square root of the
 # number of steps. An error of the same sign at each step would grow in proportion to the number of steps.

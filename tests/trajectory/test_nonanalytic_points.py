@@ -368,7 +368,7 @@ def test_a_series_goes_through(name: str, target: str) -> None:
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("method", ["dopri5", "dop853", "radau5", "gauss2", "velocity-verlet", "scipy-lsoda"])
 def test_every_other_method_goes_through(name: str, method: str) -> None:
-    """Equal steps of 1e-3 pass a kink or jump with an error of the same size.
+    """Fixed steps of 1e-3 pass a kink or jump with an error of the same size.
 
     An adaptive method detects a kink if a stage is beyond it. At an infinite slope its error is larger by a factor.
     """

@@ -363,7 +363,7 @@ def coupled() -> lg.System:
         ({"method": "dop583"}, "Did you mean 'dop853'?"),
         ({"method": 4}, "method is 4: give a name, such as 'taylor', or an instance"),
         ({"method": lg.methods.RungeKutta}, "give a name, such as 'taylor', or an instance"),
-        ({"method": "rk4", "rtol": 1e-3}, "rk4 takes equal steps and cannot aim at a tolerance: give step="),
+        ({"method": "rk4", "rtol": 1e-3}, "rk4 takes fixed steps and cannot aim at a tolerance: give step="),
         ({"step": 0.1}, "taylor chooses its steps by itself: give rtol and atol"),
         ({"method": "rk4", "step": -0.1}, "step = -0.1: give a positive size"),
         ({"method": "rk4", "step": 0.0}, "step = 0: give a positive size"),
@@ -465,7 +465,7 @@ def test_a_splitting_is_refused_where_accelerations_depend_on_velocities() -> No
 
 def test_no_step_means_a_thousand_and_says_so(pendulum: lg.System) -> None:
     solution = pendulum.run(2.0, method="rk4")
-    assert solution.steps == 1000 and "No step was given: 1000 equal steps of 0.002 were taken." in solution.message
+    assert solution.steps == 1000 and "No step was given: 1000 fixed steps of 0.002 were taken." in solution.message
 
 
 def test_the_same_tolerance_given_twice_is_given_once(pendulum: lg.System) -> None:

@@ -60,7 +60,7 @@ LOST = r"The energy, which the equations of motion conserve, went from -1 to \S+
 
 
 def test_a_run_that_loses_the_energy_is_unreliable() -> None:
-    """Equal steps pass through the centre of an attraction, and the energy changes."""
+    """Fixed steps pass through the centre of an attraction, and the energy changes."""
     result = run(falling(-1 / x), 3.0, "verlet", step=1e-3)
     assert result.status is Status.UNRELIABLE and not result.status.complete
     assert re.search(LOST + "Shorten the step, or take an adaptive method such as dop853", result.message)
@@ -480,7 +480,7 @@ MOST = {"taylor": 1.5, "dop853": 2.5, "verner9": 2.5, "scipy-dop853": 2.5}
 In lattices entries grow from rounding to order one like a power of time. By default each keeps the digits that doubles
 hold, which takes as many steps as an `atol` of 1e-16 of the displacement: at most 1.11 times with taylor, dop853, tsit5
 and radau5. Against 1e-12 these four take up to 1.29, 2.25, 2.68 and 2.95 times in lattices, else up to 1.21, 1.29, 1.41
-and 1.47, and against 1e-8, which drops digits, up to 12 times. Gauss methods take equal steps.
+and 1.47, and against 1e-8, which drops digits, up to 12 times. Gauss methods take fixed steps.
 """
 
 FEW = ("dop853", "tsit5")

@@ -1,4 +1,4 @@
-"""Ensemble members that run by an explicit method, with error control or with equal steps, and their events.
+"""Ensemble members that run by an explicit method, with error control or with fixed steps, and their events.
 
 Each accepted step is searched for events before the next. The samples and decisions are the same as on the blocks of
 single runs, in `lagrange.algorithm.events.search`. In an irregular case, such as an event that is not resolved, the
@@ -413,7 +413,7 @@ class StepMembers(MemberMethod):
 
     @inline
     def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
-        """Take a trial step; or take all steps of a run with equal steps, if no dense output is needed.
+        """Take a trial step; or take all steps of a run with fixed steps, if no dense output is needed.
 
         Return an outcome: PAUSED if the run continues, else why it ends. `index` is the number of the member,
         and `last` is true if the budget allows no more steps.

@@ -183,7 +183,7 @@ UNROLLED_TEST = 2
 
 
 @procedure(arguments=running, rows=rows_array)
-def equal_steps(arguments: Running, budget: int, times: Out, rows: Out, *, layout: Layout) -> Outcome:
+def fixed_steps(arguments: Running, budget: int, times: Out, rows: Out, *, layout: Layout) -> Outcome:
     """Take steps of equal length. Return DONE at the end of the run, PAUSED after `budget` steps, or a failure.
 
     If rows are recorded, the time and state after each step are written to `times` and `rows`. Time number k is
@@ -289,7 +289,7 @@ if the norm changes slowly.
 def steps_of(layout: Layout) -> Procedure:
     """Return the procedure that loops over the steps of a method, with error control if the method has it."""
     control = layout.step.control
-    return equal_steps.form(layout=layout) if control is None else controlled_steps.form(layout=layout, control=control)
+    return fixed_steps.form(layout=layout) if control is None else controlled_steps.form(layout=layout, control=control)
 
 
 @procedure(arguments=running, rows=rows_array)

@@ -22,7 +22,7 @@ from lagrange.procedure.front.vocabulary import In, Out, form_of, record
 from lagrange.program.step import LAWS, Damp, Solve, StepProgram
 
 ORDERS = (1, 3, 6, 12)
-"""Numbers of past steps from which the unknowns of equal steps may be extrapolated. The number whose guess had the
+"""Numbers of past steps from which the unknowns of fixed steps may be extrapolated. The number whose guess had the
 least error is used: 12 for steps that are short compared with the motion, few for long steps and for unknowns at
 rounding level.
 """
@@ -196,8 +196,8 @@ class Run:
     share     Fraction of its size to which an accepted step raises the floor of an entry; 0 for floors that the user
               states.
     previous  Error norm of the previous step, for step control.
-    start     First time of the grid of equal steps.
-    step      Length of equal steps, signed.
+    start     First time of the grid of fixed steps.
+    step      Length of fixed steps, signed.
     cause     The `Outcome` for which the last trial was rejected.
     longest   Largest length of all steps, without sign.
     residual  Size of the last correction of an implicit step, relative to its unknowns.

@@ -1,13 +1,13 @@
 """Newton's method for implicit steps: initial guesses of the unknowns, corrections, and tests of convergence.
 
-For equal steps backward differences of the unknowns are stored. The sum of the first k differences extrapolates the
+For fixed steps backward differences of the unknowns are stored. The sum of the first k differences extrapolates the
 polynomial through k values. The k-th difference at the next step is the error of that guess, and selects the best k.
 
 The unknowns are corrected with a matrix that is kept from step to step, until the corrections are round-off (equal
 steps) or far below the tolerance (error control). After a correction the error is estimated as the remainder of a
 geometric series, with the contraction rate of the last two corrections, or the rate of the previous step. The matrix is
 rebuilt when the corrections decrease slowly. If the corrections do not converge, error control shortens the step
-(`error_control.py`), and a run with equal steps ends. Source: E. Hairer, G. Wanner, Solving Ordinary Differential
+(`error_control.py`), and a run with fixed steps ends. Source: E. Hairer, G. Wanner, Solving Ordinary Differential
 Equations II, 2nd ed., 1996, IV.8.
 """
 
@@ -30,7 +30,7 @@ MATRIX_AGE = 3
 """Number of corrections of one step, or of steps, after which a matrix may be rebuilt."""
 
 ROUND_OFF_FRACTION = 2.0**-6
-"""Largest error of an unknown after an equal step, as a fraction of its rounding error. The remainder has the same sign
+"""Largest error of an unknown after a fixed step, as a fraction of its rounding error. The remainder has the same sign
 at every step and adds up: with a fraction of 1, galerkin6 drifts 15 times as much. This fraction costs up to a quarter
 more evaluations, and a second correction of very short steps. Two corrections in a row at rounding level end the
 iteration.
@@ -64,7 +64,7 @@ matrix younger than `MATRIX_AGE` steps is kept, too.
 """
 
 LARGEST_MATRIX_AGE = 64
-"""Number of equal steps after which the matrix is rebuilt, even if Newton's method converges. Otherwise a matrix that
+"""Number of fixed steps after which the matrix is rebuilt, even if Newton's method converges. Otherwise a matrix that
 has become singular would not be noticed.
 """
 
@@ -145,7 +145,7 @@ def schedule_matrix(newton: Newton, iteration: int, rate: float, adaptive: bool)
     """Request a new matrix for the next step if the present one is outdated. Reduce the noise estimate slowly.
 
     Called after convergence. With error control (`adaptive`) a matrix is outdated if the contraction `rate` of
-    the corrections is large. For equal steps it is outdated by its age, sooner if the step took many
+    the corrections is large. For fixed steps it is outdated by its age, sooner if the step took many
     corrections: `iteration` is their number minus 1.
     """
     newton.age += 1
@@ -171,7 +171,7 @@ def predict(arguments: Running, t: float, h: float, layout: Layout, solve: Solve
     """Write the initial guess of the unknowns to the work array, from the unknowns of previous steps.
 
     With error control the guess is the formula of the method, or the previous unknowns if the method has no
-    formula. For equal steps backward differences are extrapolated. `solve` is the layout of the equations.
+    formula. For fixed steps backward differences are extrapolated. `solve` is the layout of the equations.
     """
     work, newton, predicted = arguments.work, arguments.newtons[solve.index], solve.solve.predicted
     unknowns, residual = work[solve.first :], work[solve.residual :]
@@ -268,7 +268,7 @@ def choose_order(newton: Newton, errors: tuple[float, ...]) -> None:
 
 
 MOST_CORRECTIONS = 50
-"""Largest number of corrections of an equal step; then Newton's method has not converged."""
+"""Largest number of corrections of a fixed step; then Newton's method has not converged."""
 
 MOST_CORRECTIONS_ADAPTIVE = 10
 """Largest number of corrections of a step with error control, which can be shortened instead."""
@@ -282,7 +282,7 @@ a smaller correction the motion itself has left the domain of the law.
 """
 
 LARGEST_DISTANCE = 8.0
-"""Largest sum of the corrections of an equal step, as a multiple of the first size estimate. The estimate is the size
+"""Largest sum of the corrections of a fixed step, as a multiple of the first size estimate. The estimate is the size
 of the terms of the residuals, multiplied by the inverse matrix. Newton's first correction is at most that large, and
 corrections that converge decrease. A larger sum leads to another root, or to none.
 """

@@ -22,7 +22,7 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, reals, unrol
 from lagrange.program.step import LAWS, Combination, LawCall
 
 UNIT_ROUND_OFF, LEAST_ROUND_OFF = 2.0**-52, 1e-100
-"""`UNIT_ROUND_OFF`: the unit of rounding, in which corrections of equal steps are measured. `LEAST_ROUND_OFF` is added
+"""`UNIT_ROUND_OFF`: the unit of rounding, in which corrections of fixed steps are measured. `LEAST_ROUND_OFF` is added
 to the estimated rounding error of an unknown. So an unknown that is zero, such as a coordinate at rest, has a finite
 weight.
 """

@@ -83,7 +83,7 @@ class WatchedEvents:
         """Return the compiled loop over steps; None if the machine has none, or if compiling does not pay.
 
         The remaining length of the run is estimated from `steps`, the number of steps up to time t, and from
-        `changes`, the number of resets. `fixed` is True for equal steps. Otherwise the loop first tests each step on
+        `changes`, the number of resets. `fixed` is True for fixed steps. Otherwise the loop first tests each step on
         a cubic, the Hermite polynomial through both ends of the step; it searches only steps that may have an event.
         """
         work, covered, span = steps + CHANGE_STEPS * changes, abs(t - problem.t0), abs(problem.t1 - problem.t0)

@@ -52,7 +52,7 @@ DIRECTIONS = 8
 def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
     """Return the trajectory of a run that began with the energy `before`; UNRELIABLE if the energy is not conserved.
 
-    The status changes only if the equations of motion conserve the energy. `adaptive` is False for equal steps, which
+    The status changes only if the equations of motion conserve the energy. `adaptive` is False for fixed steps, which
     may jump over a collision or a singular configuration without an error. If an event reset the state, the energy
     just before the first reset is tested.
     """

@@ -32,7 +32,7 @@ NEAR_LIMIT = 0.6
 most 0.7, and only at rtol = 1e-3. The steps of stiff runs vary from about 0.7 to 1."""
 
 MOST_OVERSHOOT = 1.5
-"""Largest step, relative to the limit, with step control. Equal steps may exceed it; then the run fails."""
+"""Largest step, relative to the limit, with step control. Fixed steps may exceed it; then the run fails."""
 
 SLOWER = 30.0
 """The solution must change more slowly than the limiting mode by this factor. Otherwise the steps resolve the mode."""

@@ -1,4 +1,4 @@
-"""Implicit methods with equal steps (Euler, trapezoidal, Gauss, BDF2): step functions that solve for their slopes.
+"""Implicit methods with fixed steps (Euler, trapezoidal, Gauss, BDF2): step functions that solve for their slopes.
 
 A step function step(f, t, y, h, solve) returns the state at t + h. f(t, y) is the slope of the state y, and
 solve(residuals, guess) returns the unknowns for which the function `residuals` is zero.
@@ -45,7 +45,7 @@ class ImplicitMethod:
     `law` names the function that the step function evaluates. It is "rhs" for the slope f of the state, or "momentum"
     or "constrained" for the functions g of `lagrange.trajectory.methods.variational`, in step(g, t, q, v, h, solve).
     `claims` are the claimed properties. With a `control` of the step size, the step function also returns an error
-    vector for each state vector, and the method takes `rtol` and `atol`. Otherwise the method takes equal steps of size
+    vector for each state vector, and the method takes `rtol` and `atol`. Otherwise the method takes fixed steps of size
     `step`.
 
     With a `starter`, which takes the first step, the step function has a further argument after the state: the state
@@ -78,7 +78,7 @@ class ImplicitMethod:
                 raise StatementError(f"the {what} of {self.name} is {shown(value)}: give a function.")
         if self.control is not None and not isinstance(self.control, Control):
             raise StatementError(
-                f"the step control of {self.name} is {shown(self.control)}: give a Control, or None for equal steps."
+                f"the step control of {self.name} is {shown(self.control)}: give a Control, or None for fixed steps."
             )
         flag(self.holonomic, f"holonomic of {self.name}")
         check_options(self.step, self.rtol, self.atol)
@@ -227,7 +227,7 @@ def weighted(weights: Sequence[Abscissa], vectors: Sequence[Any]) -> Any:
 BACKWARD_EULER = Collocation(*collocation_tableau([Fraction(1)]))
 MIDPOINT, GAUSS2, GAUSS3 = (Collocation(*gauss_tableau(stages)) for stages in (1, 2, 3))
 STARTER = Collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
-"""Radau's step of 2 stages, order 3, with equal steps: the first step of methods that use two previous states."""
+"""Radau's step of 2 stages, order 3, with fixed steps: the first step of methods that use two previous states."""
 
 
 def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Callable[..., Any]) -> Any:

@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta methods by tableau: equal steps, or adaptive steps if the tableau has an error estimate."""
+"""Explicit Runge-Kutta methods by tableau: fixed steps, or adaptive steps if the tableau has an error estimate."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FRACTION = re.compile(r"\s*[+-]?[0-9]{0,99}(\.[0-9]{0,99})?(/[0-9]{1,99}|[eE][+-
 class RungeKutta:
     """The integrator by an explicit Runge-Kutta method with a tableau.
 
-    `step` is the size of equal steps, for a tableau without an error estimate. `rtol` and `atol` are the tolerances
+    `step` is the size of fixed steps, for a tableau without an error estimate. `rtol` and `atol` are the tolerances
     for a tableau with an error estimate. If an option is None, the option of the run counts, or a default. `law` is
     the function that the step evaluates: "rhs", or "local" for a step in local coordinates of rotations, which keeps
     quaternions at length one.

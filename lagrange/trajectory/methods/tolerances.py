@@ -1,4 +1,4 @@
-"""Tolerances and step sizes of a run: checks of the user's values, and the default number of equal steps.
+"""Tolerances and step sizes of a run: checks of the user's values, and the default number of fixed steps.
 
 The default relative tolerance is in `statement/run_settings.py`, the default absolute one (`FLOOR_SHARE`) in
 `trajectory/integrator.py`.
@@ -19,8 +19,8 @@ from lagrange.statement.expression import positive_number, real_number
 from lagrange.statement.run_settings import DEFAULT_RTOL
 from lagrange.trajectory.integrator import FLOOR_SHARE, LEAST_ATOL, LEAST_SHARE, Problem, Tolerances
 
-EQUAL_STEPS = 1000
-"""Number of equal steps of a run if no step is stated; the status card reports it."""
+FIXED_STEPS = 1000
+"""Number of fixed steps of a run if no step is stated; the status card reports it."""
 
 STEPS_UNDER_BRIEF_FORCE = 1000
 """Smallest number of adaptive steps of a run if a force may act for a short time (`Structure.brief`). Longer steps of a
@@ -82,14 +82,14 @@ def fixed_settings(
     check_problem(name, problem)
     if problem.rtol is not None or problem.atol is not None or rtol is not None or atol is not None:
         raise StatementError(
-            f"{name} takes equal steps and cannot aim at a tolerance: give step= in place of rtol and atol, or an "
+            f"{name} takes fixed steps and cannot aim at a tolerance: give step= in place of rtol and atol, or an "
             "adaptive method such as dop853."
         )
     span = abs(problem.t1 - problem.t0)
     size = _option(name, "step", problem.step, step)
     if size is None:
-        note = f"No step was given: {EQUAL_STEPS} equal steps of {span / EQUAL_STEPS:.6g} were taken."
-        return Tolerances(step=span / EQUAL_STEPS, notes=(note,))
+        note = f"No step was given: {FIXED_STEPS} fixed steps of {span / FIXED_STEPS:.6g} were taken."
+        return Tolerances(step=span / FIXED_STEPS, notes=(note,))
     if span / size > 1e15 or problem.t0 + size == problem.t0:
         raise StatementError(
             f"step = {size:g} is below the spacing of floating-point times near t = {problem.t0:g}: give a longer step."

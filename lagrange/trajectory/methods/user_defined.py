@@ -44,7 +44,7 @@ FORMS = "step(f, t, y, h), or step(a, t, q, v, h) to move coordinates and veloci
 
 @dataclass(frozen=True)
 class StepMethod:
-    """An integrator with equal steps by a step function of the user, made by `step_method`."""
+    """An integrator with fixed steps by a step function of the user, made by `step_method`."""
 
     name: str
     order: int
@@ -83,7 +83,7 @@ class StepMethod:
 
 
 def step_method(function: Callable[..., Any], *, order: int, name: str = "", step: float | None = None) -> StepMethod:
-    """Return a method with equal steps from a step function, compiled for every system on which it runs.
+    """Return a method with fixed steps from a step function, compiled for every system on which it runs.
 
     `function` is `step(f, t, y, h)`, which returns the state at t + h; f(t, y) is the slope of the state y = [q, v]. Or
     it is `step(a, t, q, v, h)`, which returns (q, v); the accelerations a(t, q) do not depend on velocities. The

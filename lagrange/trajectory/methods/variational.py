@@ -90,7 +90,7 @@ Integration, V.5.
 def _method(
     name: str, order: int, function: Callable[..., Any], step: float | None, law: str = "momentum", **claims: bool
 ) -> ImplicitMethod:
-    """Return a method with equal steps. It ends on the constraints if its `law` is "constrained"."""
+    """Return a method with fixed steps. It ends on the constraints if its `law` is "constrained"."""
     promised = Claims(order, symmetric=True, explicit=False, **claims)
     return ImplicitMethod(name, promised, function, law=law, step=step, holonomic=law == "constrained")
 
