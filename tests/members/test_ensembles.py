@@ -18,8 +18,7 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.machine.llvm import engine
-from lagrange.members import jobs, lanes, store
+from lagrange.members import jobs, store
 from lagrange.members.jobs import processors, threads_of
 from tests.refusals import refusal
 from tests.systems import rod_pendulum
@@ -207,9 +206,6 @@ def test_members_with_constraints_end_where_runs_end(method: str, settings: dict
 # --- one ensemble in many partitions: the bits of a member do not depend on the partition ----------------------
 
 
-count = engine.CompiledCall.count
-"""Counts steps of compiled code, and returns True if optimized code replaces it."""
-
 COUNT = 53
 """Members: lanes run out of them at different times, and some leave."""
 ORDER = np.random.default_rng(1).permutation(COUNT)
@@ -340,22 +336,6 @@ def test_a_partition_of_runs_with_events(
     partition: str, method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     same(PARTITIONS[partition], method, tmp_path, monkeypatch, watched=True)
-
-
-@pytest.mark.parametrize("method", ["taylor", pytest.param("dop853", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("watched", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_optimized_code_gives_the_bits_of_the_quick_code(
-    method: str, watched: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The first chunk of the second run uses quickly compiled code, all later ones optimized code."""
-    right = whole(method, watched=watched)
-    compiled: list[Any] = []
-    monkeypatch.setattr(engine, "STEPS_BEFORE_LATE_OPTIMIZING", 1)
-    monkeypatch.setattr(lanes, "_COMPILED", {})
-    monkeypatch.setattr(engine.CompiledCall, "count", lambda call, steps: compiled.append(count(call, steps)))
-    rows = run(method=method, workers=1, watched=watched)
-    assert compiled[:3] == [True, False, False]
-    assert all(rows[name].tobytes() == right[name].tobytes() for name in right)
 
 
 @pytest.mark.slow

@@ -12,10 +12,12 @@ import sympy
 
 import lagrange as lg
 from lagrange.algorithm.members.reductions import largest_between, lobatto
+from lagrange.machine.llvm import engine
 from lagrange.machine.python_source import called
 from lagrange.members import jobs, lanes
 from lagrange.members.singly import RunEngine
 from lagrange.trajectory.events import compiled_loop
+from tests.members import test_ensembles as partitions
 from tests.systems import chain
 
 FIXED_STEPS: dict[str, dict[str, Any]] = {"rk4": {"step": 0.02}, "forest-ruth4": {"step": 0.02}}
@@ -425,3 +427,20 @@ def test_the_search_finds_the_largest_value_of_any_shape(
     step = (lambda u, *_: shape(u)), 0.0, 0.0, 0.0, 0, none, none, 0
     best = search(*step, 1.0, *places, *map(shape, places), -math.inf)
     assert best == pytest.approx(shape(peak), rel=0, abs=allowed)
+
+
+@pytest.mark.parametrize("method", ["taylor", pytest.param("dop853", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("watched", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_optimized_code_gives_the_bits_of_the_quick_code(
+    method: str, watched: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first chunk of the second run uses quickly compiled code, all later ones optimized code."""
+    right = partitions.whole(method, watched=watched)
+    compiled: list[Any] = []
+    count = engine.CompiledCall.count
+    monkeypatch.setattr(engine, "STEPS_BEFORE_LATE_OPTIMIZING", 1)
+    monkeypatch.setattr(lanes, "_COMPILED", {})
+    monkeypatch.setattr(engine.CompiledCall, "count", lambda call, steps: compiled.append(count(call, steps)))
+    rows = partitions.run(method=method, workers=1, watched=watched)
+    assert compiled[:3] == [True, False, False]
+    assert all(rows[name].tobytes() == right[name].tobytes() for name in right)
