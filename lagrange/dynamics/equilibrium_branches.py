@@ -19,7 +19,7 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.mechanics.equilibria import Equilibrium, equilibria
 from lagrange.mechanics.plain_form import number
-from lagrange.mechanics.stability import REAL_PART, eigenvalue_path
+from lagrange.mechanics.stability import eigenvalue_path, without_growth
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
@@ -46,9 +46,8 @@ class EquilibriumBranch:
 
         The value 1 is necessary for stability, but not sufficient.
         """
-        size = np.abs(self.eigenvalues).max(axis=1)
-        stability = (self.eigenvalues.real.max(axis=1) <= REAL_PART * size).astype(float)
-        return np.where(np.isfinite(size), stability, np.nan)
+        exists = np.isfinite(self.eigenvalues).all(axis=1)
+        return np.where(exists, without_growth(self.eigenvalues).astype(float), np.nan)
 
 
 @dataclass(frozen=True, eq=False)

@@ -372,8 +372,12 @@ class EigenvaluePath:
 
         This is necessary for stability, but not sufficient.
         """
-        scale = np.abs(self.eigenvalues).max(axis=1)
-        return self.eigenvalues.real.max(axis=1) <= REAL_PART * scale
+        return without_growth(self.eigenvalues)
+
+
+def without_growth(eigenvalues: Any) -> Any:
+    """Return a mask (k,): True for each row of `eigenvalues` (k, 2n) without a positive real part, False for NaN."""
+    return eigenvalues.real.max(axis=1) <= REAL_PART * np.abs(eigenvalues).max(axis=1)
 
 
 def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, model: Model) -> EigenvaluePath:
