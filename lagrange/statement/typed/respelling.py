@@ -22,10 +22,9 @@ _OVER = r"\\over(?![A-Za-z])"
 _IN_BRACES = r"(?:[^{}]|\{[^{}]*\})"  # Matches a character of a group in braces, or a group inside it
 _ELSE = r"(?:otherwise|elsewhere|else|sonst)"
 _UNEQUAL = r"(?:[<>]=?|[^=<>])*?"  # Any text without a sign of equality
-_INNER = r"[^()]*+(?:\([^()]*+\)[^()]*+)*+"  # A text with at most one level of brackets
-_INNER = rf"[^()]*+(?:\({_INNER}\)[^()]*+)*+"
-_INNER = rf"[^()]*+(?:\({_INNER}\)[^()]*+)*+"
-_INNER = rf"[^()]*+(?:\({_INNER}\)[^()]*+)*+"
+_INNER = "[^()]*+"  # A text with brackets, at most four levels deep
+for _ in range(4):
+    _INNER = rf"[^()]*+(?:\({_INNER}\)[^()]*+)*+"
 _ABOVE_TIME = r"(?:(?!\\partial)[^=+\n]){0,24}\}\s*\{\s*\\partial\s*t(?![A-Za-z])"  # Matches the end of a quotient d/dt
 
 
