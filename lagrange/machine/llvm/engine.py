@@ -360,8 +360,11 @@ class CompiledProcedure(Shared):
         """Word of the result if it is one whole number, such as the outcome of a loop over steps."""
         text = called_ir(procedure, elsewhere, inlined=inlined)
         passes = {"optimize": optimize, "merge": not optimize}
-        tiered = TieredModule(text, late=late, needs=needs, **passes) if tiers else None
-        self.module = tiered or Module(text, **passes)
+        self.module: TieredModule | Module
+        if tiers:
+            self.module = TieredModule(text, late=late, needs=needs, **passes)
+        else:
+            self.module = Module(text, **passes)
 
     @property
     def run(self) -> Any:
