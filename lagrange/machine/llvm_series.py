@@ -32,7 +32,8 @@ from lagrange.algorithm.linear.symmetric import invert
 from lagrange.algorithm.series.jets import NAME as JET_NAME
 from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet, by_order_layout
 from lagrange.algorithm.series.numbers import SeriesNumbers
-from lagrange.algorithm.series.packing import Packing, cheapest_order, is_large, pack
+from lagrange.algorithm.series.order_by_cost import cheapest_order, is_large
+from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.algorithm.series.rules import Row
 from lagrange.algorithm.taylor.event_zeros import inspect_step
 from lagrange.algorithm.taylor.loop import taylor_steps

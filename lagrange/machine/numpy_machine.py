@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial, block_size
 from lagrange.algorithm.dense.polynomials import series_polynomial
-from lagrange.algorithm.series.packing import cheapest_order, pack
+from lagrange.algorithm.series.order_by_cost import cheapest_order
+from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.step.error_control import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.algorithm.taylor.loop import taylor_steps

@@ -29,7 +29,8 @@ from lagrange.algorithm.members.taylor import TaylorEvents, TaylorMembers
 from lagrange.algorithm.series.integrator import TaylorProcedures
 from lagrange.algorithm.series.jets import WrittenJet
 from lagrange.algorithm.series.member_jet import MemberJet
-from lagrange.algorithm.series.packing import pack, single_operations
+from lagrange.algorithm.series.order_by_cost import single_operations
+from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.taylor.memory import SIZES
 from lagrange.equations.euler_lagrange import node_of
 from lagrange.graph.node import Node

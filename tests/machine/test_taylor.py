@@ -20,7 +20,8 @@ from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.dense.collocation import collocation_polynomial
 from lagrange.algorithm.dense.polynomials import hermite_polynomial, runge_kutta_polynomial
 from lagrange.algorithm.linear.gauss_jordan import invert_columns
-from lagrange.algorithm.series.packing import Packing, operations, pack
+from lagrange.algorithm.series.order_by_cost import operations
+from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine import numpy_machine

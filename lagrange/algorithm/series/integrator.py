@@ -20,7 +20,8 @@ from lagrange.algorithm.constants import LEAST_FLOOR, WIDEST_VECTOR, Outcome
 from lagrange.algorithm.projection import CORRECTIONS, starts_on_constraints
 from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
-from lagrange.algorithm.series.packing import Packing, cheapest_order, operations, pack, single_operations
+from lagrange.algorithm.series.order_by_cost import cheapest_order, operations, single_operations
+from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.algorithm.step.memory import Counts, Run
 from lagrange.algorithm.taylor.loop import taylor_steps
 from lagrange.algorithm.taylor.memory import (

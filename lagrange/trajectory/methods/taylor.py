@@ -1,6 +1,6 @@
 """The adaptive Taylor integrator. The recurrence of its coefficients is the Euler-Lagrange equation.
 
-The order of the series is chosen by cost, in `lagrange/algorithm/series/packing.py`.
+The order of the series is chosen by cost, in `lagrange/algorithm/series/order_by_cost.py`.
 """
 
 from __future__ import annotations
