@@ -18,9 +18,9 @@ from sympy import Abs, Float, Function, Max, Piecewise, Rational, cos, exp, log,
 
 import lagrange as lg
 from lagrange.page.document import filled
-from lagrange.show.derivation_page import FormulaLine, LineWriter
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex_mathml import LatexNotation, MathmlNotation
+from lagrange.show.notation.line_breaks import FormulaLine, LineWriter
 from lagrange.show.notation.sections import (
     READABLE,
     ExpressionRows,

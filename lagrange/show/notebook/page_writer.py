@@ -15,7 +15,8 @@ from typing import Any
 from sympy import Float
 
 from lagrange.errors import UnknownKey, counted, listing, shown
-from lagrange.show.derivation_page import MarkdownPage, SideWriter
+from lagrange.show.derivation_page import MarkdownPage
+from lagrange.show.notation.line_breaks import SideWriter
 from lagrange.show.notation.sections import Formula
 from lagrange.show.notation.text import Notation, markdown_text, plain_text
 from lagrange.show.notebook.html_card import table
