@@ -128,10 +128,10 @@ def first() -> None:
     import lagrange.system
 
     now = mark("the rest of lagrange.System, numpy included", now)
-    from lagrange.machine.llvm import engine, operations
+    from lagrange.machine.llvm import engine, processor
 
     now = mark("import llvmlite", now)
-    operations.start()
+    processor.start()
     now = mark("start LLVM", now)
     engine.linear_solver(often=True)
     now = mark("compile the linear solver", now)

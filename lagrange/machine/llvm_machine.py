@@ -22,7 +22,7 @@ from lagrange.machine.drivers import StepDriver
 from lagrange.machine.kernel.llvm_kernel import STORED_TOGETHER, LlvmKernel, cached_kernel, fit
 from lagrange.machine.llvm.address import workspace
 from lagrange.machine.llvm.engine import CompiledProcedure, compiled
-from lagrange.machine.llvm.operations import lanes, processor
+from lagrange.machine.llvm.processor import lanes, processor
 from lagrange.machine.llvm_series import LlvmDense, LlvmSeries, of_steps
 from lagrange.machine.state import DriverState, StepEventMemory, StepFunction
 from lagrange.procedure.form import Procedure

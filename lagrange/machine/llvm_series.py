@@ -54,8 +54,9 @@ from lagrange.machine.llvm.engine import (
     linear_solver,
     provide,
 )
-from lagrange.machine.llvm.operations import argument_type, declarations, lanes
+from lagrange.machine.llvm.operations import argument_type, declarations
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, declaration, function, joined, module
+from lagrange.machine.llvm.processor import lanes
 from lagrange.procedure.form import Procedure, transitive_callees
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram

@@ -23,8 +23,8 @@ from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.llvm_kernel import KernelCode, LlvmKernel
 from lagrange.machine.llvm import procedures
 from lagrange.machine.llvm.emitter import MOST_ACCESSES
-from lagrange.machine.llvm.operations import lanes
 from lagrange.machine.llvm.procedures import INLINE_ANGLES
+from lagrange.machine.llvm.processor import lanes
 from lagrange.machine.llvm_series import CompiledJet
 from lagrange.machine.model import Model
 from lagrange.machine.numpy_machine import NumpySeries

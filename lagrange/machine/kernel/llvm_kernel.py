@@ -38,8 +38,9 @@ from lagrange.machine.kernel.llvm_arrays import quick_calls
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module, calling_solver, linear_solver
-from lagrange.machine.llvm.operations import lanes, splat
+from lagrange.machine.llvm.operations import splat
 from lagrange.machine.llvm.procedures import Printer, declaration, function, joined
+from lagrange.machine.llvm.processor import lanes
 from lagrange.machine.llvm.vectors import number_of_angles
 from lagrange.procedure.form import FLAG, Kind, Leave, Procedure
 from lagrange.procedure.lane_values import UNIFORM, VARYING

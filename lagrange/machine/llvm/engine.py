@@ -32,8 +32,9 @@ from lagrange.algorithm.linear.symmetric import (
 from lagrange.machine.backend import Shared
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.operations import argument_type, result_type, separated, start
+from lagrange.machine.llvm.operations import argument_type, result_type, separated
 from lagrange.machine.llvm.procedures import declaration, function, joined, module
+from lagrange.machine.llvm.processor import start
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure, transitive_callees
 from lagrange.statement.run_settings import check_time
 

@@ -1,4 +1,4 @@
-"""Operations of procedures in LLVM IR, on numbers and vectors; vector registers and libraries of this processor."""
+"""Operations of procedures in LLVM IR, on numbers and vectors, and calls of the C library and its vector routines."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from functools import cache
 
 import llvmlite.binding as llvm
 
+from lagrange.machine.llvm import processor
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
 from lagrange.procedure import form
 from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind, Type, Vector
@@ -268,41 +269,18 @@ ROUTINES = "_ZGV"
 
 
 @cache
-def start() -> None:
-    """Set up LLVM for this process: its target and the library of mathematical functions."""
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    mathematics = ctypes.util.find_library("m")
-    if mathematics is not None:
-        llvm.load_library_permanently(mathematics)
-
-
-@cache
-def lanes() -> int:
-    """Return the number of doubles in a vector register of this processor."""
-    features = llvm.get_host_cpu_features()
-    return 8 if features.get("avx512f") else 4 if features.get("avx2") else 2
-
-
-@cache
-def processor() -> str:
-    """Return the processor's name in LLVM and the number of doubles in its vectors, as text."""
-    return f"{llvm.get_host_cpu_name()} with vectors of {lanes()}"
-
-
-@cache
 def vector_routines() -> dict[str, str]:
     """Return {operation: name of its vector routine in glibc (libmvec)} for the vector width of this processor.
 
     The result is empty if the library is missing.
     """
-    start()
+    processor.start()
     try:
         routines = ctypes.CDLL("libmvec.so.1")
     except OSError:
         return {}
     llvm.load_library_permanently("libmvec.so.1")
-    prefix = ROUTINES + {8: "eN8", 4: "dN4", 2: "bN2"}[lanes()]
+    prefix = ROUTINES + {8: "eN8", 4: "dN4", 2: "bN2"}[processor.lanes()]
     names = {op: f"{prefix}{'v' * (ARITY[op] or 0)}_{LIBRARY[op]}" for op in sorted(LIBRARY)}
     return {op: name for op, name in names.items() if hasattr(routines, name)}
 
@@ -314,7 +292,7 @@ def call_library(e: Emitter, op: str, args: Sequence[str], width: int) -> str:
     is one, else the scalar function for each entry.
     """
     kind = type_of(REAL, width)
-    name = vector_routines().get(op) if width == lanes() else None
+    name = vector_routines().get(op) if width == processor.lanes() else None
     if name is not None:
         return e.value(f"call {kind} @{name}({', '.join(f'{kind} {arg}' for arg in args)})")
     made = "poison"
@@ -330,4 +308,6 @@ def routines_called(texts: Sequence[str]) -> list[str]:
     if not any(f"@{ROUTINES}" in text for text in texts):
         return []
     names = vector_routines().items()
-    return [declaration(name, op, lanes()) for op, name in names if any(f"@{name}(" in text for text in texts)]
+    return [
+        declaration(name, op, processor.lanes()) for op, name in names if any(f"@{name}(" in text for text in texts)
+    ]
