@@ -1,6 +1,6 @@
 """Constants on which all loops over steps agree, on every machine: outcomes, block sizes, and numbers of step control.
 
-Safety factor and growth limits, which a method may choose, are in `Control`, lagrange/program/step.py.
+Safety factor and growth limits, which a method may choose, are in lagrange/program/step_size_control.py.
 Source of `PI_SHARE`, `LEAST_PREVIOUS` and `DAMPING`: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
 Equations I, 2nd ed., 1993, II.4 and II.10, and its programs DOPRI5 and DOP853.
 """

@@ -1,4 +1,4 @@
-"""A step of an integrator as a program, traced from plain Python, and its step size control: safety, growth limits.
+"""A step of an integrator as a program, traced from plain Python: explicit or implicit, with error vectors.
 
 A step function `step(f, t, y, h)` uses only f, sums, differences and multiples by numbers made of t and h. With arrays
 as arguments it computes. With the `TracedVector`s of this module its operations are recorded, for a machine to compile:
@@ -25,6 +25,7 @@ from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node
 from lagrange.program.lower import lower
 from lagrange.program.program import Program
+from lagrange.program.step_size_control import Control
 
 Combination = tuple[tuple[int, Node], ...]
 """A linear combination of vectors: pairs (number of the vector, coefficient). State vectors come first, then results of
@@ -165,25 +166,6 @@ class Damp:
 
 
 Action = LawCall | Solve | Damp
-
-
-@dataclass(frozen=True)
-class Control:
-    """Step size control: h is multiplied by safety * norm**(-1/exponent) * previous norm**memory, within bounds.
-
-    `exponent` is the power of h to which the error norm is proportional. The factor of h is at least `least` and at
-    most `most`. With `damped`, the step has two error vectors, and the norm is that of DOP853: e5 / sqrt((e5 + 0.01 e3)
-    dim), where e5 and e3 are their sums of squares. If the factor is between 1 and `hold`, h is unchanged, so that the
-    matrix of the step can be reused.
-    """
-
-    exponent: int
-    damped: bool = False
-    memory: float = 0.0
-    safety: float = 0.9
-    least: float = 0.2
-    most: float = 10.0
-    hold: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

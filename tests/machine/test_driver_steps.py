@@ -44,7 +44,8 @@ from lagrange.machine.model import Model
 from lagrange.machine.python_source import loaded
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.interpreter import run
-from lagrange.program.step import Control, StepProgram, trace
+from lagrange.program.step import StepProgram, trace
+from lagrange.program.step_size_control import Control
 from lagrange.statement.coordinate import coordinate, t
 from lagrange.statement.scene.library import load
 from lagrange.statement.statement import Statement

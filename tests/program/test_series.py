@@ -25,7 +25,8 @@ from lagrange.machine.numpy_machine import COEFFICIENT, NumpySeries
 from lagrange.program.catalogue import program_of
 from lagrange.program.recurrence import FUNCTION_RULES, RecurrenceBuilder
 from lagrange.program.series import RULES, convolutions
-from lagrange.program.step import Control, StepProgram, TracedVector, trace
+from lagrange.program.step import StepProgram, TracedVector, trace
+from lagrange.program.step_size_control import Control
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement

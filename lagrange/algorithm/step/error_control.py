@@ -1,7 +1,7 @@
 """Steps of any method but Taylor series: error norm, acceptance or rejection, and the length of the next step.
 
 The loops have the error norm, rejection, the next length, and the floors, which are the absolute tolerances of the
-entries of the state. Numbers of a method, such as the safety factor, are in `Control`, lagrange/program/step.py.
+entries of the state. Numbers of a method, such as the safety factor, are in lagrange/program/step_size_control.py.
 Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993, II.4.
 
 Integrators for export are procedures for one step, and for a run to an end time. The functions of the system, such as
@@ -46,7 +46,8 @@ from lagrange.procedure.front.vocabulary import (
     smaller,
     unrolled,
 )
-from lagrange.program.step import LAWS, Control
+from lagrange.program.step import LAWS
+from lagrange.program.step_size_control import Control
 
 REJECTIONS_BEFORE_SURVEY = 3
 """Number of consecutive rejections after which a run estimates the sizes of the state's entries. One rejection suffices

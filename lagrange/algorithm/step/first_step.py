@@ -29,7 +29,8 @@ from lagrange.algorithm.step.memory import Layout, Running, running
 from lagrange.algorithm.step.vectors import copy_vector
 from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, smaller, unrolled
-from lagrange.program.step import LAWS, Control
+from lagrange.program.step import LAWS
+from lagrange.program.step_size_control import Control
 
 CANCELLATION = 2.0**-12
 """An acceleration may be rounding of cancelling terms if it is below this fraction of its sensitivity. The sensitivity

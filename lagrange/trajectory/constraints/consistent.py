@@ -1,4 +1,4 @@
-"""States on the constraints: `System.consistent`, tests of initial states, and a warning for violations at the end."""
+"""`System.consistent`, the start of a run moved onto its constraints, and a warning for violations at its end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Project a state onto the constraints of its model, or make the error message if there is no such state."""
+"""Project a state onto the constraints of its model, and refuse an initial state that violates them, with a message."""
 
 from __future__ import annotations
 

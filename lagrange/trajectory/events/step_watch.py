@@ -1,4 +1,4 @@
-"""Find events on accepted steps of any method but Taylor series, on NumPy arrays, and record or apply them.
+"""Handle the events on accepted steps of any method but Taylor: record, reset, end; search where no loop is compiled.
 
 The steps are reviewed, that is, searched for events on their dense output. If an event resets the state or ends the
 run, the run is set back to it. `EventDriver` takes the steps and calls this watcher.

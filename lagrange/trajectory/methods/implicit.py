@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import StatementError, shown
-from lagrange.program.step import Control, StepProgram, trace
+from lagrange.program.step import StepProgram, trace
+from lagrange.program.step_size_control import Control
 from lagrange.statement.expression import flag, one_of, text
 from lagrange.trajectory.integrator import Claims, Problem, built_in, method_repr
 from lagrange.trajectory.methods.tolerances import (

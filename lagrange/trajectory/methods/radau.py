@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.algorithm.dense.collocation import collocation_polynomial
-from lagrange.program.step import Control
+from lagrange.program.step_size_control import Control
 from lagrange.trajectory.integrator import Claims, Problem, built_in
 from lagrange.trajectory.methods.implicit import ImplicitMethod, collocation_tableau, lagrange_basis, weighted
 from lagrange.trajectory.paths import StepPath, step_path

@@ -14,7 +14,8 @@ import numpy as np
 import sympy
 
 from lagrange.errors import StatementError, shown
-from lagrange.program.step import Control, StepProgram, trace
+from lagrange.program.step import StepProgram, trace
+from lagrange.program.step_size_control import Control
 from lagrange.statement.expression import MOST_ENTRIES, entries, one_of, text, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, built_in, method_repr
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options, fixed_settings
