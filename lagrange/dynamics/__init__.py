@@ -1,1 +1,1 @@
-"""Numerical data for phase portraits, sections and bifurcation diagrams. Public functions: show/dynamics.py."""
+"""Data for phase portraits, sections and bifurcation diagrams. Public functions and their defaults: show/dynamics.py."""

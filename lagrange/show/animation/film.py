@@ -1,4 +1,4 @@
-"""Draw the frames of an animation with Matplotlib: layout, moving points with trails, and curves over time."""
+"""Draw the frames of an animation with Matplotlib: layout, colours, moving points with trails, and curves over time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tolerances and step sizes of a run: checks of the user's values, and the default number of fixed steps.
+"""Tolerances and step sizes of a run: checks of the user's values, default fixed step, longest adaptive step.
 
 The default relative tolerance is in `statement/run_settings.py`, the default absolute one (`FLOOR_SHARE`) in
 `trajectory/integrator.py`.
