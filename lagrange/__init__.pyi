@@ -5,8 +5,8 @@ from lagrange.errors import LagrangeError as LagrangeError
 from lagrange.errors import RunError as RunError
 from lagrange.errors import SceneError as SceneError
 from lagrange.errors import StatementError as StatementError
-from lagrange.evidence.trust import TrustHorizon as TrustHorizon
-from lagrange.evidence.trust import trust_horizon as trust_horizon
+from lagrange.evidence.trust_horizon import TrustHorizon as TrustHorizon
+from lagrange.evidence.trust_horizon import trust_horizon as trust_horizon
 from lagrange.export.target import targets as targets
 from lagrange.members.table import grid as grid
 from lagrange.members.table import sample as sample

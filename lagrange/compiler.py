@@ -27,7 +27,7 @@ from os import PathLike
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange, with_needed_inputs
 from lagrange.equations.regularity import allowed_equations, with_solved_multipliers
-from lagrange.evidence.quick import quick_check
+from lagrange.evidence.quick_check import quick_check
 from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel, Machine, MissingTargetError, Series
 from lagrange.machine.kernel.interpreted import InterpretedKernel

@@ -38,7 +38,7 @@ def compiled(n: int, *, relative: bool) -> tuple[float, ...]:
     from systems import chain
 
     import lagrange as lg
-    from lagrange.evidence.quick import quick_check
+    from lagrange.evidence.quick_check import quick_check
     from lagrange.machine.llvm.engine import COMPILED
 
     clear_cache()
@@ -135,7 +135,7 @@ def first() -> None:
     now = mark("start LLVM", now)
     engine.linear_solver(often=True)
     now = mark("compile the linear solver", now)
-    import lagrange.evidence.quick
+    import lagrange.evidence.quick_check
 
     now = mark("the rest of the check's imports", now)
     cold = compiled(2, relative=False)[ALL]

@@ -1,1 +1,1 @@
-"""Data for phase portraits, sections and bifurcation diagrams. Public functions and their defaults: show/dynamics.py."""
+"""Data of phase portraits, sections and bifurcation diagrams. Public functions with defaults: show/dynamics.py."""

@@ -1,4 +1,4 @@
-"""Compute a phase portrait: vector field on a plane of state space, nullclines, equilibria, separatrices, orbits."""
+"""Compute a phase portrait: default window, vector field, nullclines, equilibria, separatrices, orbits."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from lagrange.equations.solve_plan import has_large_block
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.differences import ConstraintSurface
 from lagrange.evidence.precise import BeyondDoubles, OutsideDomain, Precise, all_ways, describe_way
-from lagrange.evidence.quick import quick_check, solved_statement
+from lagrange.evidence.quick_check import quick_check, solved_statement
 from lagrange.evidence.reference import REFERENCE_DIGITS, Reference
 from lagrange.evidence.report import (
     LIMIT,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown
-from lagrange.evidence.trust import ReferenceSolution, Sensitivity, digits_of, reference_solution, sensitivity
+from lagrange.evidence.trust_horizon import ReferenceSolution, Sensitivity, digits_of, reference_solution, sensitivity
 from lagrange.machine.model import Model
 from lagrange.statement.expression import entries, flag, positive_number, real_number, whole_number
 from lagrange.trajectory.integrator import Integrator, Problem, RunOptions, run_by

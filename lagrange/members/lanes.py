@@ -60,7 +60,7 @@ from lagrange.procedure.rewrite import Pruner
 from lagrange.program.program import Program
 from lagrange.program.step import LAWS, StepProgram
 from lagrange.trajectory.endings import DOMAIN_PROBE, slope_ahead
-from lagrange.trajectory.events.actions import model_events
+from lagrange.trajectory.events.model_events import model_events
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.taylor import TaylorPlan
 from lagrange.trajectory.plan import Plan, StepPlan

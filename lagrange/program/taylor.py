@@ -9,7 +9,6 @@ from lagrange.equations.euler_lagrange import Equations, MotionForm, bias_forces
 from lagrange.equations.solve_plan import SolvePlan, plan_of
 from lagrange.graph.node import Binding, Exact, Kind, Node, reachable, substitute
 from lagrange.program.catalogue import projection
-from lagrange.program.forms import Form, LinearTerms, Momentum, forms
 from lagrange.program.lower import lower
 from lagrange.program.recurrence import RecurrenceBuilder, known_node
 from lagrange.program.series import (
@@ -21,6 +20,7 @@ from lagrange.program.series import (
     kept_values,
     lagged_values,
 )
+from lagrange.program.series_forms import Form, LinearTerms, Momentum, forms
 from lagrange.program.switching import Switched, switch
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lagrange.errors import StatementError
+from lagrange.trajectory.dense_output import OutputPath
 from lagrange.trajectory.measures.times_and_points import divided
-from lagrange.trajectory.paths import OutputPath
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 

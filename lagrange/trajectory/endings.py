@@ -17,9 +17,9 @@ from lagrange.machine.model import Model
 from lagrange.statement.given.motion import ranges
 from lagrange.trajectory.constraints.dependence import dependent_passage
 from lagrange.trajectory.constraints.discontinuities import Discontinuity
+from lagrange.trajectory.dense_output import OutputPath
 from lagrange.trajectory.ending_messages import message, number
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
 
 DOMAIN_PROBE = 1e-6

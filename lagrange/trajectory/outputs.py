@@ -14,10 +14,10 @@ from lagrange.errors import StatementError
 from lagrange.machine.state import DriverState
 from lagrange.statement.expression import real_array
 from lagrange.trajectory.constraints.discontinuities import Discontinuities, Discontinuity
+from lagrange.trajectory.dense_output import StepPath
 from lagrange.trajectory.events.event_log import Breaks
 from lagrange.trajectory.events.time_switches import TimeSwitches
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
 SPAN_ROUND_OFF = 1e-12

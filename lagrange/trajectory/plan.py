@@ -13,11 +13,11 @@ from lagrange.machine.drivers import StepDriver
 from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState
 from lagrange.program.step import LAWS, StepProgram
+from lagrange.trajectory.dense_output import MotionsPath, StepPath
 from lagrange.trajectory.events.compiled_loop import WatchedEvents
 from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Integrator, Problem, Tolerances
-from lagrange.trajectory.paths import MotionsPath, StepPath
 
 PathFunction = Callable[[FloatArray], FloatArray]
 """Dense output: from times (K,) to states (2n, K)."""

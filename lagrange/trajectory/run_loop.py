@@ -15,6 +15,7 @@ from lagrange.machine.backend import Driver, SingularMassMatrix, quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.statement.run_settings import PreparationTooLongError, preparation, preparation_ends
 from lagrange.trajectory.constraints.discontinuities import Discontinuities, may_be_discontinuous
+from lagrange.trajectory.dense_output import MotionsPath, OutputPath, StepPath
 from lagrange.trajectory.ending_messages import (
     UNPROJECTED,
     coarse,
@@ -43,7 +44,6 @@ from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.events.time_switches import TimeSwitches
 from lagrange.trajectory.integrator import Problem, memory_limit
 from lagrange.trajectory.outputs import AcceptedStates, FollowedSteps
-from lagrange.trajectory.paths import MotionsPath, OutputPath, StepPath
 from lagrange.trajectory.plan import IdleDriver, PathFunction, Plan, Planned, PreparedPlan, StepPlan, Watcher, prepared
 from lagrange.trajectory.sizes import raise_to_noise, survey
 from lagrange.trajectory.slow_runs import Pace, compiled_late, limiting_entry

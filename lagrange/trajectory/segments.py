@@ -14,13 +14,13 @@ from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.errors import StatementError, listing
 from lagrange.statement.event import Event
 from lagrange.trajectory.constraints.consistent import consistent_start
+from lagrange.trajectory.dense_output import OutputPath, PiecewisePath
 from lagrange.trajectory.ending_messages import message, number
-from lagrange.trajectory.events.actions import ALIKE, model_events
 from lagrange.trajectory.events.end_messages import EventResult, accumulating, not_finite_after_reset
 from lagrange.trajectory.events.event_log import MOST_REPEATS, ChangeCounter
+from lagrange.trajectory.events.model_events import ALIKE, model_events
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.measures.conservation import energy
-from lagrange.trajectory.paths import OutputPath, PiecewisePath
 from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory
 
 

@@ -14,8 +14,8 @@ from lagrange.machine.state import DriverState
 from lagrange.program.switching import switch
 from lagrange.statement.run_settings import COMPILE_SECONDS
 from lagrange.trajectory.endings import NEARLY_DEPENDENT, rank_lost, remaining_regularity
-from lagrange.trajectory.events.actions import rates
 from lagrange.trajectory.events.end_messages import EventResult, sliding
+from lagrange.trajectory.events.model_events import rates
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.outputs import WrittenStates
 from lagrange.trajectory.sizes import raise_to_noise, slopes_of

@@ -15,7 +15,7 @@ from lagrange.compiler import model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.evidence.check import QUANTITIES, check
-from lagrange.evidence.quick import quick_check
+from lagrange.evidence.quick_check import quick_check
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.report import Report, ReportRow
 from lagrange.machine.llvm_machine import LlvmMachine

@@ -17,7 +17,7 @@ from lagrange.evidence.check import CONSTRAINT_QUANTITIES, QUANTITIES, check
 from lagrange.evidence.differences import ConstraintSurface
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.evidence.precise_run import precise_run
-from lagrange.evidence.quick import quick_check
+from lagrange.evidence.quick_check import quick_check
 from lagrange.machine.model import Model
 from tests.models import c, k
 from tests.refusals import refusal
@@ -83,7 +83,7 @@ def test_the_quick_check_passes_what_is_right(make: Callable[[], lg.System], mon
     def refused(*_: Any) -> bool:
         raise AssertionError("a right model was taken for a suspect")
 
-    monkeypatch.setattr("lagrange.evidence.quick._confirm", refused)
+    monkeypatch.setattr("lagrange.evidence.quick_check._confirm", refused)
     quick_check(make().compile(check=False))
 
 

@@ -15,7 +15,7 @@ from lagrange.errors import RunError
 from lagrange.evidence import differences
 from lagrange.evidence.differences import LOCAL_FROM
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
-from lagrange.evidence.quick import quick_check
+from lagrange.evidence.quick_check import quick_check
 from lagrange.evidence.reference import Reference
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinate, t
@@ -348,7 +348,7 @@ def test_honest_cancellation_raises_no_alarm() -> None:
 def test_a_large_system_is_asked_twice_before_a_full_test(
     wrong: int, monkeypatch: pytest.MonkeyPatch, confirmations: list[SamplePoint]
 ) -> None:
-    monkeypatch.setattr("lagrange.evidence.quick.MOST_CONFIRMED", 1)
+    monkeypatch.setattr("lagrange.evidence.quick_check.MOST_CONFIRMED", 1)
     left = [wrong]
 
     def off(name: str, value: Any) -> Any:

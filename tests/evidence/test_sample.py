@@ -12,7 +12,7 @@ import sympy
 import lagrange as lg
 from lagrange.errors import RunError
 from lagrange.evidence.formula_comparison import compared
-from lagrange.evidence.quick import quick_check
+from lagrange.evidence.quick_check import quick_check
 from lagrange.evidence.reference import Reference
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinate, parameters

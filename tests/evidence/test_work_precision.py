@@ -10,10 +10,10 @@ from sympy import sign
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
-from lagrange.evidence import trust as reference_solution
+from lagrange.evidence import trust_horizon as reference_solution
 from lagrange.evidence import work_precision
 from lagrange.evidence.precise_run import precise_run
-from lagrange.evidence.trust import sensitivity
+from lagrange.evidence.trust_horizon import sensitivity
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status, Trajectory

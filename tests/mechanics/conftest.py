@@ -2,10 +2,10 @@
 
 import pytest
 
-from lagrange.mechanics.grading import term_difference
+from lagrange.mechanics.grading import time_limit
 
 
 @pytest.fixture(autouse=True)
 def _enough_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Raise time limits, so that wrong terms are also named on slow machines."""
-    monkeypatch.setattr(term_difference, "SECONDS", float("inf"))
+    monkeypatch.setattr(time_limit, "SECONDS", float("inf"))

@@ -16,7 +16,7 @@ import sympy as sp
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.mechanics import plain_form
-from lagrange.mechanics.grading import one_change, slips, term_difference
+from lagrange.mechanics.grading import one_change, slips, term_difference, time_limit
 from lagrange.mechanics.grading.student_equations import read_equations, spelled
 from lagrange.mechanics.grading.term_difference import expanded
 from lagrange.show.derivation_page import NO_HEADING, PAGES
@@ -463,10 +463,10 @@ def test_a_sum_with_an_exponent_of_many_digits_is_not_factored(monkeypatch: pyte
 
 
 def test_a_spent_budget_leaves_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(term_difference, "SECONDS", 0.0)
+    monkeypatch.setattr(time_limit, "SECONDS", 0.0)
     assert answered("oscillator").compare("m x'' + c x' + k x = m g + F cos(w t)")
     result = answered("oscillator").compare("m x'' + c x' - k x = m g + F cos(w t)")
-    assert not result and result.message == f"Equation 1 does not hold. {term_difference.UNNAMED}" and result.details
+    assert not result and result.message == f"Equation 1 does not hold. {time_limit.UNNAMED}" and result.details
 
 
 def test_equations_in_rates_are_as_long_as_in_quaternions(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -477,7 +477,7 @@ def test_equations_in_rates_are_as_long_as_in_quaternions(monkeypatch: pytest.Mo
 
 
 def test_a_spent_budget_ends_every_expansion(monkeypatch: pytest.MonkeyPatch) -> None:
-    with term_difference.limited(0.0), pytest.raises(term_difference.BudgetSpent):
+    with time_limit.limited(0.0), pytest.raises(time_limit.BudgetSpent):
         term_difference.expanded(sp.Symbol("x"))
 
 

@@ -21,7 +21,7 @@ from sympy import cos
 import lagrange as lg
 from lagrange.dynamics.axes import TURN
 from lagrange.errors import StatementError
-from lagrange.evidence.trust import ReferenceSolution, Sensitivity
+from lagrange.evidence.trust_horizon import ReferenceSolution, Sensitivity
 from lagrange.evidence.work_precision import Entry, Result
 from lagrange.show.dynamics import Drawn
 from lagrange.show.figures.dynamics_figures import MOST_MODES, PANEL_HEIGHT, PANEL_WIDTH

@@ -14,10 +14,10 @@ import lagrange as lg
 from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
+from lagrange.trajectory.dense_output import OutputPath, StepInterpolant, StepInterpolants, StepPath, step_path
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
-from lagrange.trajectory.paths import OutputPath, StepInterpolant, StepInterpolants, StepPath, step_path
 from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 from tests.models import TARGETS, VALUES, build, c, g, k, l, m, model, x, y

@@ -23,6 +23,7 @@ from typing import Any
 
 from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.kernel.body import SOURCE
+from lagrange.algorithm.series.linear_systems import ALL, Diagonal, Inverse, LinearSystem, moving_system, system_size
 from lagrange.algorithm.series.numbers import ALONE, SeriesNumbers, Start
 from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.algorithm.series.rules import (
@@ -43,7 +44,6 @@ from lagrange.algorithm.series.rules import (
     wide,
     width,
 )
-from lagrange.algorithm.series.systems import ALL, Diagonal, Inverse, LinearSystem, moving_system, system_size
 from lagrange.algorithm.taylor.memory import LOWEST_ORDER, TaylorLayout
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure

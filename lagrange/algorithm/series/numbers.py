@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, Style, width_of
+from lagrange.algorithm.series.linear_systems import LinearSystem, constant_inverse, constant_size, constant_system
 from lagrange.algorithm.series.packing import Packing
 from lagrange.algorithm.series.rules import Term, joined
-from lagrange.algorithm.series.systems import LinearSystem, constant_inverse, constant_size, constant_system
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import ANGLES, FLAG, Procedure
 from lagrange.procedure.values import Memory, Real

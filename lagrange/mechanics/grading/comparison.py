@@ -28,7 +28,8 @@ from lagrange.mechanics.grading.student_equations import (
     tape,
     values_at,
 )
-from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, UNNAMED, BudgetSpent, Write, check_size
+from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, Write
+from lagrange.mechanics.grading.time_limit import UNNAMED, BudgetSpent, check_size
 from lagrange.mechanics.grading.wrong_term import WrongTerm, wrong_term
 from lagrange.mechanics.plain_form import time_derivative
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name

@@ -31,11 +31,11 @@ from lagrange.mechanics.grading.term_difference import (
     LARGEST_FACTOR,
     Difference,
     Numbers,
-    check_budget,
     constant_of,
     expanded,
     scaled_by,
 )
+from lagrange.mechanics.grading.time_limit import check_budget
 from lagrange.mechanics.plain_form import time_derivative
 from lagrange.statement.coordinate import constraint_of
 

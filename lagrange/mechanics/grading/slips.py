@@ -30,14 +30,8 @@ from lagrange.mechanics.grading.student_equations import (
     row_of,
     unknowns_of,
 )
-from lagrange.mechanics.grading.term_difference import (
-    BudgetSpent,
-    Write,
-    check_budget,
-    check_size,
-    constant_of,
-    is_spent,
-)
+from lagrange.mechanics.grading.term_difference import Write, constant_of
+from lagrange.mechanics.grading.time_limit import BudgetSpent, check_budget, check_size, is_spent
 from lagrange.mechanics.plain_form import time_derivative
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement

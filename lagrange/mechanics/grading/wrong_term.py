@@ -1,4 +1,4 @@
-"""Find the wrong term of a student's equation, and name it in a sentence."""
+"""Find the wrong term of a student's equation by comparison with the derivation; `term_difference.py` words it."""
 
 from __future__ import annotations
 
@@ -20,15 +20,8 @@ from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample
 from lagrange.mechanics.grading.one_change import Change, evaluated, one_change
 from lagrange.mechanics.grading.student_equations import EquationRow, rate_symbols, tape, values_at
-from lagrange.mechanics.grading.term_difference import (
-    Difference,
-    Numbers,
-    Write,
-    check_budget,
-    expanded,
-    same,
-    summands,
-)
+from lagrange.mechanics.grading.term_difference import Difference, Numbers, Write, expanded, same, summands
+from lagrange.mechanics.grading.time_limit import check_budget
 from lagrange.mechanics.plain_form import simplest, time_derivative
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name, t
 

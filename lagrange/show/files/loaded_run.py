@@ -20,8 +20,8 @@ from lagrange.statement.expression import printable
 from lagrange.statement.scene.scene_reader import stored_statement
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.contact.history import stored_history
+from lagrange.trajectory.dense_output import OutputPath
 from lagrange.trajectory.integrator import MEMORY_DIVISOR, machine_memory
-from lagrange.trajectory.paths import OutputPath
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory
 

@@ -10,7 +10,7 @@ from sympy import Add, Mul
 
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import SceneError
-from lagrange.mechanics.grading import term_difference
+from lagrange.mechanics.grading import time_limit
 from lagrange.mechanics.grading.comparison import EquationsComparison, compare_equations
 from lagrange.mechanics.grading.student_equations import MULTIPLIER, read_equations
 from lagrange.show.notation.formula import Typesetter
@@ -31,7 +31,7 @@ def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> 
     typeset = Typesetter(statement, Notation((*statement.names, *(p.name for p in statement.parameters))))
     typeset.letters |= {constraint.multiplier: f"{MULTIPLIER}{constraint.name}" for constraint in statement.constraints}
     symbols = {symbol.name: symbol for symbol in (*statement.plain.values(), *statement.parameters)}
-    with term_difference.limited(term_difference.SECONDS):  # limits the search for a wrong term
+    with time_limit.limited(time_limit.SECONDS):  # limits the search for a wrong term
         equations = read_equations(answer, statement)
         sides = [side for equation in equations for side in (equation.right, equation.zero + equation.right)]
         built = {node for side in sides for node in side.atoms(Add, Mul)}

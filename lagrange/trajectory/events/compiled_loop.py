@@ -12,12 +12,12 @@ from lagrange.algorithm.events.search import IGNORED, UNKNOWN
 from lagrange.graph.node import Binding
 from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.state import EventSteps, StepEventMemory
-from lagrange.trajectory.events.actions import ModelEvent, model_events
+from lagrange.trajectory.dense_output import StepPath
 from lagrange.trajectory.events.array_search import Side
 from lagrange.trajectory.events.event_log import Breaks, EventLog, Occurrences, until_end
+from lagrange.trajectory.events.model_events import ModelEvent, model_events
 from lagrange.trajectory.events.step_batch import PathOf, StepsPath
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
 WORTH_COMPILING = 512

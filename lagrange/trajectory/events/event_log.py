@@ -13,8 +13,8 @@ from lagrange.algorithm.constants import EARLIEST
 from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.algorithm.events.roots import first_change
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.events.actions import ModelEvent
 from lagrange.trajectory.events.array_search import EventZero
+from lagrange.trajectory.events.model_events import ModelEvent
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_REPEATS = 3

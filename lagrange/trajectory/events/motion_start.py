@@ -25,8 +25,8 @@ import numpy as np
 from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, EPSILON
 from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
-from lagrange.trajectory.events.actions import ModelEvent
 from lagrange.trajectory.events.array_search import EventZero, Side
+from lagrange.trajectory.events.model_events import ModelEvent
 from lagrange.trajectory.events.step_batch import Sample, StepBatch
 from lagrange.trajectory.trajectory import FloatArray
 

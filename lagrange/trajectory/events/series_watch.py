@@ -16,7 +16,6 @@ from lagrange.algorithm.taylor.event_series import comparable_unit
 from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.drivers import EventMemory, SeriesDriver
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.events.actions import ModelEvent, reset_state
 from lagrange.trajectory.events.array_search import EventZero, Root, Side
 from lagrange.trajectory.events.end_messages import (
     EventResult,
@@ -28,6 +27,7 @@ from lagrange.trajectory.events.end_messages import (
     zero_root,
 )
 from lagrange.trajectory.events.event_log import ChangeCounter, EventLog
+from lagrange.trajectory.events.model_events import ModelEvent, reset_state
 from lagrange.trajectory.events.motion_start import sides_after_events
 from lagrange.trajectory.events.series_at_state import EventSeries, leaving, near, signed_scale
 from lagrange.trajectory.events.surfaces import (

@@ -19,7 +19,7 @@ from lagrange.algorithm.events.roots import roots
 from lagrange.algorithm.events.search import IGNORED, UNKNOWN
 from lagrange.machine.backend import Kernel
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.events.actions import rates, reset_state
+from lagrange.trajectory.dense_output import StepPath
 from lagrange.trajectory.events.array_search import (
     SAME_JUMP,
     EventZero,
@@ -42,6 +42,7 @@ from lagrange.trajectory.events.end_messages import (
     without_value,
 )
 from lagrange.trajectory.events.event_log import Breaks, ChangeCounter, EventLog, ResetIntervals
+from lagrange.trajectory.events.model_events import rates, reset_state
 from lagrange.trajectory.events.motion_start import (
     SMALL_FRACTION,
     MotionStart,
@@ -53,7 +54,6 @@ from lagrange.trajectory.events.motion_start import (
 )
 from lagrange.trajectory.events.step_batch import PathOf, Sample, StepBatch, StepsPath, Window, state_noise
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState

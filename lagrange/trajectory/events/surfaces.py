@@ -26,9 +26,9 @@ from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.machine.state import DriverState
 from lagrange.program.series import SeriesProgram
+from lagrange.trajectory.dense_output import hermite_path
 from lagrange.trajectory.events.series_at_state import leaving
 from lagrange.trajectory.integrator import Integrator, Problem
-from lagrange.trajectory.paths import hermite_path
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 MOST_TRIALS = 3**8

@@ -18,11 +18,11 @@ from lagrange.machine.backend import SingularMassMatrix, nothing, one_state
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.expression import real_number
+from lagrange.trajectory.dense_output import PiecewisePath, SampledPath, StepInterpolant, StepInterpolants
 from lagrange.trajectory.events.compiled_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Problem, Tolerances
 from lagrange.trajectory.methods.tolerances import adaptive_settings
-from lagrange.trajectory.paths import PiecewisePath, SampledPath, StepInterpolant, StepInterpolants
 from lagrange.trajectory.plan import PreparedPlan
 from lagrange.trajectory.run_loop import drive
 from lagrange.trajectory.sizes import first_floors, noise_floors, slopes_of, some_rounded

@@ -15,9 +15,9 @@ import numpy as np
 import scipy.integrate
 from scipy.integrate import OdeSolver
 
+from lagrange.trajectory.dense_output import StepInterpolant
 from lagrange.trajectory.foreign.driver import Fault, GuardedRhs, check_bounds, drive_stepwise
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances
-from lagrange.trajectory.paths import StepInterpolant
 from lagrange.trajectory.sizes import slopes_of
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 

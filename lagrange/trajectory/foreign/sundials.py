@@ -14,9 +14,9 @@ from typing import Any, final
 import numpy as np
 
 from lagrange.errors import StatementError, shown
+from lagrange.trajectory.dense_output import StepInterpolant
 from lagrange.trajectory.foreign.driver import Fault, GuardedRhs, check_bounds, drive_stepwise
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances
-from lagrange.trajectory.paths import StepInterpolant
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 ORDERS = {"BDF": 5, "Adams": 12}

@@ -14,8 +14,8 @@ from lagrange.machine.backend import one_state, quickly
 from lagrange.machine.model import Model
 from lagrange.machine.parameter_arrays import Parameters, some_of
 from lagrange.statement.run_settings import DEFAULT_METHOD
+from lagrange.trajectory.dense_output import OutputPath
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 LARGEST_LOSS, LOSS_WITH_CONTROL = 1.0, 1e3

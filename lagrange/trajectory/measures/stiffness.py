@@ -13,8 +13,8 @@ import numpy as np
 from lagrange.errors import counted
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
+from lagrange.trajectory.dense_output import OutputPath, SeriesPath, StepPath
 from lagrange.trajectory.ending_messages import number
-from lagrange.trajectory.paths import OutputPath, SeriesPath, StepPath
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 

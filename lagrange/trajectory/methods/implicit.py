@@ -25,6 +25,7 @@ from lagrange.errors import StatementError, shown
 from lagrange.program.step import StepProgram, trace
 from lagrange.program.step_size_control import Control
 from lagrange.statement.expression import flag, one_of, text
+from lagrange.trajectory.dense_output import StepPath, hermite_path
 from lagrange.trajectory.integrator import Claims, Problem, built_in, method_repr
 from lagrange.trajectory.methods.tolerances import (
     adaptive_settings,
@@ -33,7 +34,6 @@ from lagrange.trajectory.methods.tolerances import (
     check_unconstrained,
     fixed_settings,
 )
-from lagrange.trajectory.paths import StepPath, hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.trajectory import FloatArray, Trajectory

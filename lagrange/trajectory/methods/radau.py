@@ -22,9 +22,9 @@ import numpy as np
 
 from lagrange.algorithm.dense.collocation import collocation_polynomial
 from lagrange.program.step_size_control import Control
+from lagrange.trajectory.dense_output import StepPath, step_path
 from lagrange.trajectory.integrator import Claims, Problem, built_in
 from lagrange.trajectory.methods.implicit import ImplicitMethod, collocation_tableau, lagrange_basis, weighted
-from lagrange.trajectory.paths import StepPath, step_path
 from lagrange.trajectory.trajectory import FloatArray
 
 POINTS = {2: (1 / 3, 1.0), 3: ((4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0)}

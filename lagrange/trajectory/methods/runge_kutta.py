@@ -17,9 +17,9 @@ from lagrange.errors import StatementError, shown
 from lagrange.program.step import StepProgram, trace
 from lagrange.program.step_size_control import Control
 from lagrange.statement.expression import MOST_ENTRIES, entries, one_of, text, whole_number
+from lagrange.trajectory.dense_output import StepPath, hermite_path, stages_polynomial, step_path
 from lagrange.trajectory.integrator import Claims, Problem, built_in, method_repr
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options, fixed_settings
-from lagrange.trajectory.paths import StepPath, hermite_path, stages_polynomial, step_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux import explicit as tableaux

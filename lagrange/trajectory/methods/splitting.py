@@ -23,9 +23,9 @@ from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
 from lagrange.program.step import StepProgram, trace
 from lagrange.statement.expression import entries, real_array, real_number, text, whole_number
+from lagrange.trajectory.dense_output import hermite_path
 from lagrange.trajectory.integrator import Claims, Problem, built_in, method_repr
 from lagrange.trajectory.methods.tolerances import check_options, fixed_settings
-from lagrange.trajectory.paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.trajectory import Trajectory

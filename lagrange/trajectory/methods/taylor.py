@@ -18,13 +18,13 @@ from lagrange.graph.node import Node
 from lagrange.machine.backend import Series
 from lagrange.machine.drivers import EventMemory, SeriesDriver
 from lagrange.machine.model import Model
-from lagrange.trajectory.events.actions import ModelEvent, model_events
+from lagrange.trajectory.dense_output import SeriesPath, hermite_path
+from lagrange.trajectory.events.model_events import ModelEvent, model_events
 from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.surfaces import Continuations
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances, built_in
 from lagrange.trajectory.methods.runge_kutta import DOP853
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options
-from lagrange.trajectory.paths import SeriesPath, hermite_path
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 

@@ -21,10 +21,10 @@ from lagrange.errors import StatementError, shown
 from lagrange.machine.drivers import numbers_of
 from lagrange.program.step import StepProgram, TracedVector, trace
 from lagrange.statement.expression import text, whole_number
+from lagrange.trajectory.dense_output import hermite_path
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.splitting import check_separable
 from lagrange.trajectory.methods.tolerances import check_options, fixed_settings
-from lagrange.trajectory.paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux.butcher import CONDITION_TOLERANCE, ButcherTableau, Coefficient
