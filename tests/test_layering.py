@@ -308,7 +308,7 @@ def test_a_rule_sees_a_module_that_breaks_it(rule: Callable[[Modules], list[str]
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": ("backend", "parameter_arrays", "python_source", "state"),
     "machine entries": ("drivers", "llvm_machine", "llvm_series", "model", "numpy_machine"),
-    "trajectory records": ("integrator", "paths", "trajectory"),
+    "trajectory records": ("dense_output", "integrator", "trajectory"),
     "trajectory runs": ("ending_messages", "endings", "outputs", "plan", "run_loop", "sizes", "slow_runs"),
     "trajectory segments": ("segments",),
     "trajectory entries": ("run", "solution"),
