@@ -51,6 +51,10 @@ MEANINGS = {
     "x if y >= m else 2 if y > g else 3": sympy.Piecewise((x, y >= m), (2, y > g), (3, True), evaluate=False),
     "x if 0 < y <= 1 else 0": sympy.Piecewise((x, sympy.And(y > 0, y <= 1)), (0, True)),
     "x if x == y else m if x != 1 else k": sympy.Piecewise((x, sympy.Eq(x, y)), (m, sympy.Ne(x, 1)), (k, True)),
+    "x if 0 < x < 1 or not (y < 2 and x > y) else 0": sympy.Piecewise(
+        (x, sympy.Or(sympy.And(x > 0, x < 1), sympy.Not(sympy.And(y < 2, x > y)))), (0, True)
+    ),
+    "x if x < 1 else x if y < 2 else y": sympy.Piecewise((x, sympy.Or(x < 1, y < 2)), (y, True)),
     "2*(x if x < 0 else -x) + 1": 2 * sympy.Piecewise((x, x < 0), (-x, True)) + 1,
     "1 if 1 < 2 else x": sympy.Integer(1),
     "sqrt(2) if 2 < 1 else sqrt(3)": sympy.sqrt(3),
@@ -307,7 +311,8 @@ REFUSALS = {
     "_x": (1, "'_x' cannot be a name: a name starts with a letter"),
     "a" * 65: (1, "at most 64 characters"),
     "lambda": (1, "'lambda' is a reserved word: choose another name."),
-    "x and y": (3, "'and' is a reserved word: chain comparisons, as in 0 < x < 1."),
+    "x and y": (1, "a condition compares two values: write it as in a if x < 0 else b."),
+    "x | y": (3, "'|' is not allowed in an expression: write or between two conditions."),
     # what other languages write
     "x^2": (2, "'^' is not allowed in an expression: write ** for a power."),
     "2x": (1, "2x is not a number: write decimals such as 12.5 or 1.5e-3, and a product with *, as in 2*x."),
@@ -342,7 +347,7 @@ REFUSALS = {
     "1 if x else 2": (1, "a condition compares two values: write it as in a if x < 0 else b."),
     "1 if (1 if x < 2 else 3) < 2 else 3": (6, "a condition cannot compare a value that has conditions itself."),
     "x" + " if x < 1 else y" * 33: (1, "a condition has at most 32 branches."),
-    "x if 0<x<1 else " * 5 + "y": (1, "more than 4 chained comparisons in a row have the same value."),
+    " or ".join(f"x < {k}" for k in range(65)): (1, "a condition has more than 64 comparisons: state fewer."),
     # what has no value
     "exp(-1000)": (1, "exp(-1000) is too small for a floating-point number."),
     "1e-9**99": (1, "1e-09**99 is too small for a floating-point number."),

@@ -6,14 +6,17 @@ Size and structure of a text are limited before it reaches SymPy, and no code is
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import itemgetter
 from typing import Any, ClassVar, NoReturn
 
 import sympy
+from sympy.core.relational import Relational
+from sympy.logic.boolalg import BooleanAtom, BooleanFunction
 
 from lagrange.errors import SceneError, listing, suggestion
 from lagrange.statement.coordinate import multiplier, t
@@ -33,9 +36,7 @@ from lagrange.statement.scene.guard import (
 from lagrange.statement.vocabulary.functions import ALIASES, FUNCTION_NAMES, WORDS, FunctionWord
 
 DEEPEST_NESTING = 64  # Largest number of levels of nested parentheses, signs and powers
-
-MOST_CHAINED = 4
-"""Largest number of chained comparisons in a row with the same value. SymPy makes 2**n clauses of n of them."""
+MOST_JOINED = 64  # Largest number of comparisons in a condition with and, or, not. SymPy compares them in pairs.
 
 MULTIPLIER = "multiplier"
 """Function that returns the multiplier of a constraint in texts: multiplier(rod).
@@ -46,6 +47,8 @@ A name before a parenthesis is always a call, so a parameter may have the same n
 NO_VALUE = "a comparison has no value of its own: write a condition as in a if x < 0 else b"
 
 PREDEFINED_VALUES = {"t": t, "pi": sympy.pi}
+
+CONDITIONS = (Relational, BooleanFunction, BooleanAtom)  # SymPy classes of conditions
 
 COMPARISONS: dict[str, Callable[..., Any]] = {
     "<": sympy.Lt,
@@ -96,13 +99,12 @@ def number_from_text(text: str) -> Any:
 class ParsedValue:
     """Part of a text after parsing: its expression, and its value `double` if it is constant, else None.
 
-    `literal` is true for a number without a sign, and `chained` for a comparison of more than two values.
+    `literal` is true for a number without a sign.
     """
 
     expression: Any
     double: float | None = None
     literal: bool = False
-    chained: bool = False
 
 
 Branch = tuple[ParsedValue, ParsedValue]  # A value, and the condition under which it is chosen
@@ -201,8 +203,28 @@ class Reader:
         return value
 
     def logic(self) -> ParsedValue:
-        """Read a condition or a value. A subclass reads the words and, or, not here."""
-        return self.comparison()
+        """Read a value, or a condition with the words and, or, not."""
+        return self.joined("or", sympy.Or, lambda: self.joined("and", sympy.And, self.negation))
+
+    def joined(self, word: str, build: Any, read: Callable[[], ParsedValue]) -> ParsedValue:
+        """Read one or more conditions with a `word` between them. `read` reads one condition.
+
+        `build` is SymPy's And or Or, which joins several conditions. A single condition or value is returned unchanged.
+        """
+        start, parts = self.token.offset, [read()]
+        while self.at(word, kind="word"):
+            self.take()
+            parts.append(read())
+        return self.built(start, self._condition, build, parts) if len(parts) > 1 else parts[0]
+
+    def negation(self) -> ParsedValue:
+        """Read a value or a comparison, or a condition after the word not."""
+        start = self.token.offset
+        if not self.at("not", kind="word"):
+            return self.comparison()
+        with self.deeper():
+            self.take()
+            return self.built(start, self._condition, sympy.Not, [self.negation()])
 
     def comparison(self) -> ParsedValue:
         """Read a value, or a comparison of several values, such as 0 < x < 1."""
@@ -350,7 +372,7 @@ class Reader:
         if isinstance(value.expression, sympy.Number):
             return ParsedValue(value.expression, float(value.expression))
         if varies or not isinstance(value.expression, sympy.Expr):
-            return value if value.chained else ParsedValue(value.expression)
+            return ParsedValue(value.expression)
         if value.double is None:
             raise RefusalError("the names cancel and leave a constant: write the constant")
         if not math.isfinite(value.double):
@@ -411,23 +433,30 @@ class Reader:
             raise RefusalError("a condition cannot compare a value that has conditions itself")
         check_compared(terms, "the compared values")
         relations = [COMPARISONS[sign](a, b) for sign, (a, b) in zip(signs, pairwise(terms), strict=True)]
-        return ParsedValue(sympy.And(*relations), chained=len(terms) > 2)
+        return ParsedValue(sympy.And(*relations))
+
+    def _condition(self, build: Any, parts: Sequence[ParsedValue]) -> ParsedValue:
+        """Return And, Or or Not (`build`) of the conditions `parts`."""
+        return ParsedValue(_joined(build, map(condition_of, parts)))
 
     def _branches(self, branches: Sequence[Branch], last: ParsedValue | None) -> ParsedValue:
         if len(branches) > MOST_BRANCHES or last is None:
             raise RefusalError(f"a condition has at most {MOST_BRANCHES} branches")
-        values, chained = [value for value, _ in branches], 0
-        for k, (value, condition) in enumerate(branches):
-            if isinstance(condition.expression, sympy.Expr):
-                raise RefusalError("a condition compares two values: write it as in a if x < 0 else b")
-            same = k > 0 and value.expression == values[k - 1].expression
-            chained = (chained if same else 0) + condition.chained
-            if chained > MOST_CHAINED:
-                raise RefusalError(f"more than {MOST_CHAINED} chained comparisons in a row have the same value")
-        pairs = [(term_of(value), condition.expression) for value, condition in branches]
-        expression = sympy.Piecewise(*pairs, (term_of(last), True))
-        chosen = [value.double for value in [*values, last] if value.expression == expression]
-        return ParsedValue(expression, chosen[0] if chosen else None)
+        chosen = [value.double for value in (*(value for value, _ in branches), last)]
+        pairs = [(term_of(value), condition_of(condition)) for value, condition in branches]
+        pairs.append((term_of(last), sympy.true))
+        # SymPy would distribute the conditions of branches with the same value, in exponential time
+        groups = groupby(pairs, key=itemgetter(0))
+        expression = sympy.Piecewise(*((value, _joined(sympy.Or, (c for _, c in group))) for value, group in groups))
+        doubles = [double for double, (value, _) in zip(chosen, pairs, strict=True) if value == expression]
+        return ParsedValue(expression, doubles[0] if doubles else None)
+
+
+def condition_of(value: ParsedValue) -> Any:
+    """Return the condition in a parsed part. Raises RefusalError for a number or an expression."""
+    if not isinstance(value.expression, CONDITIONS):
+        raise RefusalError("a condition compares two values: write it as in a if x < 0 else b")
+    return value.expression
 
 
 def term_of(value: ParsedValue) -> Any:
@@ -435,6 +464,14 @@ def term_of(value: ParsedValue) -> Any:
     if not isinstance(value.expression, sympy.Expr):
         raise RefusalError(NO_VALUE)
     return value.expression
+
+
+def _joined(build: Any, conditions: Iterable[Any]) -> Any:
+    """Return And, Or or Not (`build`) of conditions. Raises RefusalError if they have too many comparisons."""
+    listed = list(conditions)
+    if sum(len(condition.atoms(Relational)) for condition in listed) > MOST_JOINED:
+        raise RefusalError(f"a condition has more than {MOST_JOINED} comparisons: state fewer")
+    return build(*listed)
 
 
 def _doubles(parts: Sequence[ParsedValue]) -> list[float] | None:

@@ -51,19 +51,12 @@ _REMEDIES = {
     '"': "write names and numbers without quotation marks",
     "'": "write names and numbers without quotation marks",
     ";": "give one expression",
-    "&": "chain comparisons, as in 0 < x < 1",
-    "|": "nest conditions, as in a if x < 0 else b",
+    "&": "write and between two conditions",
+    "|": "write or between two conditions",
     "#": "comments belong outside the expression",
     **dict.fromkeys(("<<", ">>", "->"), _ALLOWED),
 }
-_RESERVED = {
-    "and": "chain comparisons, as in 0 < x < 1",
-    "or": "nest conditions, as in a if x < 0 else b",
-    "not": "turn the comparison round",
-    "True": "write a number",
-    "False": "write a number",
-    "None": "write a number",
-}
+_CONSTANTS = ("True", "False", "None")
 
 
 class SceneToken(NamedTuple):
@@ -82,7 +75,7 @@ def refuse(reason: str, offset: int) -> NoReturn:
 def tokens(text: str, *, unevaluated: bool = False) -> list[SceneToken]:
     """Return the tokens of a text, and a last one of kind "end". Raises SceneError if the text is not allowed.
 
-    If `unevaluated` is true, the words and, or, not, True, False and None are allowed as well.
+    If `unevaluated` is true, the words True, False and None are allowed as well.
     """
     if not isinstance(text, str):
         raise SceneError(f"an expression must be a text such as '2*x', not {type(text).__name__}.")
@@ -91,7 +84,7 @@ def tokens(text: str, *, unevaluated: bool = False) -> list[SceneToken]:
         refuse(f"the expression has {len(text)} characters, more than {most}: state it in parts.", most)
     if not text.strip():
         refuse("the expression is empty: write 0 if there is nothing.", 0)
-    words = ("if", "else", *(_RESERVED if unevaluated else ()))
+    words = ("if", "else", "and", "or", "not", *(_CONSTANTS if unevaluated else ()))
     longest = LONGEST_UNEVALUATED_NUMBER if unevaluated else LONGEST_NUMBER
     listed: list[SceneToken] = []
     offset = 0
@@ -143,7 +136,9 @@ def _check_name(token: SceneToken, text: str) -> None:
     """Raise SceneError for a name that is a reserved word, has letters that are not allowed, or is malformed."""
     name, offset = token.text, token.offset
     if keyword.iskeyword(name):
-        refuse(f"{name!r} is a reserved word: {_RESERVED.get(name, 'choose another name')}.", offset)
+        refuse(
+            f"{name!r} is a reserved word: {'write a number' if name in _CONSTANTS else 'choose another name'}.", offset
+        )
     word = WORD.match(text, offset)
     if word and word.group() != name:
         foreign = offset + len(name)

@@ -11,12 +11,12 @@ from itertools import pairwise
 from typing import Any
 
 import sympy
-from sympy.core.relational import Relational
 from sympy.functions.elementary.piecewise import ExprCondPair
-from sympy.logic.boolalg import ITE, And, BooleanAtom, BooleanFunction, Not, Or
+from sympy.logic.boolalg import ITE, And
 
 from lagrange.statement.scene.expressions import (
     COMPARISONS,
+    CONDITIONS,
     MULTIPLIER,
     NO_VALUE,
     PREDEFINED_VALUES,
@@ -25,6 +25,7 @@ from lagrange.statement.scene.expressions import (
     ParsedValue,
     Reader,
     check_arity,
+    condition_of,
     term_of,
 )
 from lagrange.statement.scene.guard import Guard, RefusalError, check_arguments, check_power, refuse
@@ -35,8 +36,6 @@ SUM, PRODUCT, FLOAT = "sum", "product", "float"
 
 MOST_EXPONENT, MOST_PRECISION = 2000, 1000
 """Largest exponent of two, and largest number of bits, of a number in the notation float(mantissa, exponent, bits)."""
-
-_CONDITIONS = (Relational, BooleanFunction, BooleanAtom)
 
 
 class UnevaluatedGuard(Guard):
@@ -115,36 +114,6 @@ class UnevaluatedReader(Reader):
     unevaluated = True
     guard: UnevaluatedGuard
 
-    def logic(self) -> ParsedValue:
-        """Read a value, or a condition with the words and, or, not."""
-        start, sums, parts = self.token.offset, list[ParsedValue](), list[ParsedValue]()
-        while True:
-            where, negations = self.token.offset, 0
-            while self.at("not", kind="word"):
-                self.take()
-                negations += 1
-            part = self.comparison()
-            for _ in range(negations):
-                part = self.built(where, lambda part=part: ParsedValue(Not(_condition_of(part), evaluate=False)))
-            parts.append(part)
-            if self.at("and", kind="word"):
-                self.take()
-                continue
-            sums.append(self.joined(start, And, parts))
-            if not self.at("or", kind="word"):
-                return self.joined(start, Or, sums)
-            self.take()
-            parts = []
-
-    def joined(self, start: int, build: Any, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return the unevaluated conjunction or disjunction of conditions. A single condition is returned unchanged.
-
-        `build` is SymPy's And or Or. `start` is the offset of the first condition in the text, for errors.
-        """
-        if len(parts) == 1:
-            return parts[0]
-        return self.built(start, lambda: ParsedValue(build(*map(_condition_of, parts), evaluate=False)))
-
     def atom(self) -> ParsedValue:
         """Read a number, a name, a call, an expression in parentheses, True or False."""
         if self.at("True", "False", kind="word"):
@@ -203,30 +172,28 @@ class UnevaluatedReader(Reader):
 
         If the values are conditions themselves, the result is an ITE.
         """
-        conditions = [_condition_of(condition) for _, condition in branches]
+        conditions = [condition_of(condition) for _, condition in branches]
         if any(condition in self.guard.branched for condition in conditions):  # SymPy would rewrite it
             raise RefusalError("a condition cannot compare a value that has conditions itself")
         first = branches[0][0].expression
-        if isinstance(first, _CONDITIONS):
+        if isinstance(first, CONDITIONS):
             if last is None or len(branches) > 1:
                 raise RefusalError("a condition that depends on another has the form a if b else c")
-            return ParsedValue(ITE(conditions[0], first, _condition_of(last), evaluate=False))
+            return ParsedValue(ITE(conditions[0], first, condition_of(last), evaluate=False))
         values = [term_of(value) for value, _ in branches]
         pairs = [ExprCondPair(value, condition) for value, condition in zip(values, conditions, strict=True)]
         pairs += [] if last is None else [ExprCondPair(term_of(last), sympy.true)]
         return ParsedValue(sympy.Piecewise(*pairs, evaluate=False))
+
+    def _condition(self, build: Any, parts: Sequence[ParsedValue]) -> ParsedValue:
+        """Return And, Or or Not (`build`) of the conditions `parts`, unevaluated."""
+        return ParsedValue(build(*map(condition_of, parts), evaluate=False))
 
     def _compared(self, signs: Sequence[str], parts: Sequence[ParsedValue]) -> ParsedValue:
         """Return the comparison of parts by `signs`, such as "<". A chain 0 < x < 1 becomes And(0 < x, x < 1)."""
         pairs = zip(signs, pairwise(map(term_of, parts)), strict=True)
         relations = [COMPARISONS[sign](left, right, evaluate=False) for sign, (left, right) in pairs]
         return ParsedValue(relations[0] if len(relations) == 1 else And(*relations, evaluate=False))
-
-
-def _condition_of(value: ParsedValue) -> Any:
-    if not isinstance(value.expression, _CONDITIONS):
-        raise RefusalError("a condition compares two values: write it as in a if x < 0 else b")
-    return value.expression
 
 
 def _negated(term: Any) -> Any:

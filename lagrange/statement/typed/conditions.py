@@ -1,12 +1,9 @@
-"""Conditions of typed cases: comparisons joined by "and", "or" and "not", and values that are taken under them.
-
-The notation of scene files has no such words: there a value under a condition is written as values under comparisons.
-"""
+"""Conditions of typed cases: comparisons joined by "and", "or" and "not". Tell whether cases cover all states."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import permutations, product, starmap
 from typing import NamedTuple
 
@@ -26,8 +23,12 @@ class Comparison(NamedTuple):
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition: it holds if all comparisons of one of the `alternatives` hold."""
+    """A condition, with its `text` in the notation of scene files.
 
+    It holds if all comparisons of one of the `alternatives` hold.
+    """
+
+    text: str
     alternatives: tuple[tuple[Comparison, ...], ...]
 
     def __len__(self) -> int:
@@ -36,35 +37,32 @@ class Condition:
 
     def either(self, other: Condition) -> Condition:
         """Return the condition that this one or the `other` one holds."""
-        return Condition(self.alternatives + other.alternatives)
+        return Condition(f"{self.text} or {other.text}", self.alternatives + other.alternatives)
 
     def both(self, other: Condition) -> Condition:
         """Return the condition that this one and the `other` one hold."""
+        texts = (f"({text})" if " or " in text else text for text in (self.text, other.text))
         pairs = product(self.alternatives, other.alternatives)
-        return Condition(tuple(first + second for first, second in pairs))
+        return Condition(" and ".join(texts), tuple(first + second for first, second in pairs))
 
     def opposite(self) -> Condition:
         """Return the condition that this one does not hold."""
         opposites = [[Comparison(a, _OPPOSITE[sign], b) for a, sign, b in each] for each in self.alternatives]
-        return Condition(tuple(product(*opposites)))
+        return Condition(f"not ({self.text})", tuple(product(*opposites)))
 
-    def chosen(self, value: str, rest: str) -> str:
-        """Return the text, as in scene files, for `value` where the condition holds, and `rest` elsewhere."""
-        for alternative in reversed(self.alternatives):
-            inside = value
-            for k, comparison in enumerate(_chained(alternative)):
-                inside = f"({inside})" if k else inside
-                inside = f"{inside} if {comparison} else {rest}"
-            rest = inside
-        return rest
+
+def compared(parts: Sequence[str], signs: Sequence[str]) -> Condition:
+    """Return the condition of a chain such as 0 < x < 1. `signs` are the signs between its `parts`."""
+    text = " ".join((parts[0], *(f"{sign} {part}" for sign, part in zip(signs, parts[1:], strict=True))))
+    return Condition(text, (tuple(map(Comparison, parts, signs, parts[1:])),))
 
 
 def cover(conditions: Iterable[Condition]) -> bool:
     """Return True if one of the conditions holds everywhere, except where two compared expressions are equal."""
-    left = Condition(((),))
+    left = Condition("", ((),))
     for condition in conditions:
         both = left.both(condition.opposite())
-        left = Condition(tuple(each for each in both.alternatives if not _contradict(each)))
+        left = replace(both, alternatives=tuple(each for each in both.alternatives if not _contradict(each)))
         if len(left.alternatives) > MOST_ALTERNATIVES:
             return False
     return not left.alternatives
@@ -74,22 +72,6 @@ def _contradict(comparisons: tuple[Comparison, ...]) -> bool:
     """Return True if two of the comparisons hold together at most where the two sides of both are equal."""
     pairs = permutations(starmap(_rising, comparisons), 2)
     return any(first.left == second.right and first.right == second.left for first, second in pairs)
-
-
-def _chained(comparisons: tuple[Comparison, ...]) -> Iterator[str]:
-    """Yield the texts of comparisons that hold together; two of the same expression become one: 0 < x < d."""
-    left = list(comparisons)
-    while left:
-        first = left.pop(0)
-        for other in left:
-            low, high = starmap(_rising, (first, other))
-            low, high = (low, high) if low.right == high.left else (high, low)
-            if low.right == high.left and not low.right[0].isdigit():
-                left.remove(other)
-                yield f"{' '.join(low)} {high.sign} {high.right}"
-                break
-        else:
-            yield " ".join(first)
 
 
 def _rising(left: str, sign: str, right: str) -> Comparison:

@@ -12,15 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import islice, product, zip_longest
 
-from lagrange.statement.typed.conditions import Comparison, Condition, cover
+from lagrange.statement.typed.conditions import Condition, compared, cover
 from lagrange.statement.typed.names import Names, Piece
 from lagrange.statement.typed.remarks import WORD, kind_of
 from lagrange.statement.typed.respelling import ROW
 from lagrange.statement.typed.tokens import OPENING, ORDERS, Token
 
 DEEPEST = 40  # Largest number of levels of brackets, functions, fractions and exponents; the parser is recursive
-LONGEST_CASES = 20_000  # Largest number of characters of values with conditions in the notation of scene files
-MOST_COMPARISONS = 8  # Largest number of comparisons of a condition; its text repeats values for them
+MOST_COMPARISONS = 8  # Largest number of comparisons of a condition
 MOST_READINGS = 12  # Largest number of readings of one text that are tried
 
 SUM, PRODUCT, POWER, ATOM = range(4)
@@ -464,9 +463,7 @@ class _Parser:
         self.expect(")")
         text = values[-1]
         for earlier, condition in zip(values[-2::-1], conditions[len(values) - 2 :: -1], strict=True):
-            text = condition.chosen(earlier, text)
-            if len(text) > LONGEST_CASES:
-                raise self.fault("the conditions are too long: state fewer at once")
+            text = f"{earlier} if {condition.text} else {text}"
         return Part(f"({text})", moves=moves)
 
     def condition(self, *, weak: bool = True) -> tuple[Condition, bool]:
@@ -530,9 +527,7 @@ class _Parser:
         while self.next_is(*ORDERS):
             signs.append(self.expect(*ORDERS))
             parts.append(self.sum())
-        texts = [part.text for part in parts]
-        comparisons = tuple(map(Comparison, texts, signs, texts[1:]))
-        return Condition((comparisons,)), any(part.moves for part in parts)
+        return compared([part.text for part in parts], signs), any(part.moves for part in parts)
 
     def bare_argument(self, function: Token) -> Part:
         """Read an argument without brackets: factors up to the first that changes in time, as `2 omega t` or `k x`."""
