@@ -15,7 +15,7 @@ import pytest
 from sympy import Symbol
 from sympy.core.function import AppliedUndef
 
-from lagrange.algorithm.series import integrator
+from lagrange.algorithm.series import exported_integrator
 from lagrange.machine.llvm import engine
 from lagrange.procedure import rewrite
 from lagrange.procedure.builder import Builder
@@ -46,7 +46,7 @@ def verified(make: Any) -> Any:
     return checked
 
 
-for owner, maker in ((Builder, "finish"), (rewrite._Binder, "_made"), (integrator, "without_vectors")):
+for owner, maker in ((Builder, "finish"), (rewrite._Binder, "_made"), (exported_integrator, "without_vectors")):
     setattr(owner, maker, verified(getattr(owner, maker)))
 
 EXAMPLES = {True: 100, False: 10}

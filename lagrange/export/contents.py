@@ -13,7 +13,7 @@ import numpy as np
 
 from lagrange.algorithm.kernel.body import PreparedLayout
 from lagrange.algorithm.kernel.kernels import guarded, kernel, prepare
-from lagrange.algorithm.series.integrator import TaylorProcedures
+from lagrange.algorithm.series.exported_integrator import TaylorProcedures
 from lagrange.algorithm.step.error_control import adaptive_run, one_step
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import StatementError, listing, shown, suggestion

@@ -13,8 +13,8 @@ from sympy import cos, diff, sin
 
 import lagrange as lg
 from lagrange.algorithm.linear.complementarity import lemke
-from lagrange.trajectory.contact import complementarity
-from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING, Friction, solutions
+from lagrange.trajectory.contact import stick_or_slide
+from lagrange.trajectory.contact.stick_or_slide import OPEN, SLIDING, STICKING, Friction, solutions
 from tests.models import SCENE_NAMES, shared_scene, stated_in
 
 G = 9.81
@@ -392,7 +392,7 @@ def test_pivoting_finds_what_trying_all_states_finds(monkeypatch: pytest.MonkeyP
     tried = {}
     for seed in range(100):
         tried[seed] = solutions(*problem(seed))
-    monkeypatch.setattr(complementarity, "MOST_CASES", 0)
+    monkeypatch.setattr(stick_or_slide, "MOST_CASES", 0)
     for seed, known in tried.items():
         if len(known) == 1:
             (result,) = solutions(*problem(seed))

@@ -19,9 +19,9 @@ from lagrange.statement.contact import Contact
 from lagrange.statement.coordinate import check_multipliers, constraint_of, multiplier
 from lagrange.statement.expression import ByName
 from lagrange.statement.expression import expression as expression_of
-from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
+from lagrange.trajectory.contact.impacts_as_resets import sliding_friction
 from lagrange.trajectory.contact.modes import Mode, modes_of
-from lagrange.trajectory.contact.resets import sliding_friction
+from lagrange.trajectory.contact.stick_or_slide import CLOSED, OPEN, SLIDING, STICKING
 from lagrange.trajectory.trajectory import FloatArray, Trajectory, segment_numbers
 
 GAUSS_POINTS = 12

@@ -16,7 +16,7 @@ from lagrange.errors import StatementError, formula
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
 from lagrange.statement.contact import LARGEST_FRICTION, impact_speed
-from lagrange.trajectory.contact.complementarity import DEPENDENT, OPEN, STICKING, Friction
+from lagrange.trajectory.contact.stick_or_slide import DEPENDENT, OPEN, STICKING, Friction
 from lagrange.trajectory.trajectory import FloatArray
 
 TOUCHING = 1e-13

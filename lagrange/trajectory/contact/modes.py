@@ -18,15 +18,15 @@ from lagrange.statement.coordinate import multiplier
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.event import Event
 from lagrange.statement.statement import ALLOW, Constraint, Statement
-from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
-from lagrange.trajectory.contact.kinematics import MODELS_KEPT
-from lagrange.trajectory.contact.resets import (
+from lagrange.trajectory.contact.impacts_as_resets import (
     WrittenFriction,
     WrittenImpacts,
     friction_margin,
     sliding_friction,
     written_friction,
 )
+from lagrange.trajectory.contact.kinematics import MODELS_KEPT
+from lagrange.trajectory.contact.stick_or_slide import CLOSED, OPEN, SLIDING, STICKING
 from lagrange.trajectory.integrator import Problem
 
 

@@ -21,11 +21,11 @@ from lagrange.algorithm.constants import EARLIEST
 from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.errors import StatementError, counted, listing
 from lagrange.statement.expression import real_number
-from lagrange.trajectory.contact.complementarity import OPEN
 from lagrange.trajectory.contact.history import FRICTION, IMPULSE, LOST, TIME, ContactHistory
+from lagrange.trajectory.contact.impacts_as_resets import WrittenFriction, WrittenImpacts, in_order, written_impacts
 from lagrange.trajectory.contact.kinematics import TOUCHING, ContactState, Kinematics
 from lagrange.trajectory.contact.modes import Mode, ModeEnd, PreparedMode, modes_of
-from lagrange.trajectory.contact.resets import WrittenFriction, WrittenImpacts, in_order, written_impacts
+from lagrange.trajectory.contact.stick_or_slide import OPEN
 from lagrange.trajectory.contact.transition import Transition, Transitions, Undetermined
 from lagrange.trajectory.ending_messages import message, number
 from lagrange.trajectory.integrator import Integrator, Problem

@@ -24,10 +24,10 @@ from lagrange.equations.regularity import independent_rows
 from lagrange.errors import RunError, listing
 from lagrange.machine.model import Model
 from lagrange.statement.contact import SEQUENCE
-from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, Balance, Friction, solutions
+from lagrange.trajectory.contact.impacts_as_resets import SHORT, SLIGHT, coupling, response_of
 from lagrange.trajectory.contact.kinematics import RATE_NOISE, TOUCHING, ContactState, Kinematics
 from lagrange.trajectory.contact.modes import SLOWEST, Mode, ModeEnd, Modes
-from lagrange.trajectory.contact.resets import SHORT, SLIGHT, coupling, response_of
+from lagrange.trajectory.contact.stick_or_slide import OPEN, SLIDING, Balance, Friction, solutions
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_IN_SEQUENCE = 500
