@@ -68,8 +68,7 @@ def runge_lenz(stated: StatedAlgebra, body: BodyPosition) -> Iterator[tuple[str,
         return
 
 
-MOST_SEARCHED = 24
-"""Largest number of coordinates for which symmetries other than ignorable coordinates are searched."""
+MOST_SEARCHED = 24  # Largest number of coordinates for which symmetries other than ignorable coordinates are searched
 
 MOST_SYMMETRY_MONOMIALS = 60_000
 """Largest number of monomials formed in the proof of one symmetry: about 1 s of computing."""
@@ -300,16 +299,12 @@ RATE_STATES = 6  # Number of random states at which a rate is tested
 LARGEST_RATE = 1e-8
 """Largest rate of change that counts as zero, relative to its terms. Accelerations are accurate to about 1e-12."""
 
-REST = 1e-4
-"""Terms of a rate below this fraction of the largest terms of all quantities count as rounding errors."""
+REST = 1e-4  # Terms of a rate below this fraction of the largest terms of all quantities count as rounding errors
 
 
 @dataclass(frozen=True, eq=False)
 class QuantityRates:
-    """Time derivatives of a quantity at K states.
-
-    `values` (K,) are the derivatives. `sizes` (K,) are the sums of the magnitudes of their terms.
-    """
+    """Time derivatives `values` (K,) of a quantity at K states, and the sums `sizes` (K,) of their |terms|."""
 
     points: Sequence[SamplePoint]
     values: FloatArray
@@ -325,10 +320,7 @@ class QuantityRates:
 
 
 def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRates]:
-    """Return the time derivatives of expressions in q, v and t along the compiled motion, at random states.
-
-    The result has one object for each expression.
-    """
+    """Return the time derivatives of each expression in q, v and t at random states, along the compiled motion."""
     points = [*islice(usable(random_points(model.statement, 17), lambda point: _placed(model, point)), RATE_STATES)]
     terms = [_rate_terms(model, expression) for expression in expressions]
     if not points or not any(terms):

@@ -41,8 +41,7 @@ from lagrange.statement.rotation import AXES, Rotation, rotation_of, split_rates
 from lagrange.statement.space import cross_matrix, matrix_of, product, quaternion_of
 from lagrange.statement.statement import Statement
 
-FORCE_LEFT = 1e-15
-"""Largest residual force at a symbolic equilibrium, relative to its terms, evaluated with 30 digits."""
+FORCE_LEFT = 1e-15  # Largest residual force at a symbolic equilibrium, relative to its terms, evaluated with 30 digits
 
 FORCE_LEFT_BY_SEARCH = 1e-6  # Largest residual force at an equilibrium in decimals, relative to its terms
 

@@ -152,10 +152,7 @@ class StatedPoint:
         return side.replace(lambda node: node.is_Piecewise, chosen)
 
     def _rounded(self, above: Any, below: Any) -> bool:
-        """Return True if two expressions differ at the point only by rounding of decimals.
-
-        `above` and `below` are the formulas on the two sides of a corner.
-        """
+        """Return True if the formulas on the two sides of a corner, `above` and `below`, differ only by rounding."""
         if not above.has(sympy.Float):
             return False
         values = {**dict.fromkeys(self.form.a, sympy.S.Zero), **self.numbers, **self.table}
@@ -265,10 +262,7 @@ def stated_point(
 
 
 def with_lengths(statement: Statement) -> Statement:
-    """Return the statement with the entries of quaternions as plain coordinates, in place of rotations.
-
-    A constraint keeps the length of each quaternion at one.
-    """
+    """Return the statement with quaternions as plain coordinates; constraints keep the quaternions at length one."""
     lengths = (
         Constraint(f"{each.name}_length", (sum(q**2 for q in each.quaternion) - 1) / 2, holonomic=True)
         for each in map(rotation_of, statement.rotations)
@@ -283,10 +277,7 @@ _SIZE = sympy.Dummy("size", real=True)
 
 
 def small(statement: Statement, about: Any, order: Any) -> Statement:
-    """Return the statement expanded about the user's point `about`, to `order` in deviations from it.
-
-    The deviations are changes of coordinates and velocities.
-    """
+    """Return the statement expanded about a point `about`, to `order` in deviations of positions and velocities."""
     return _StatementExpansion(stated_point(statement, about), whole_number(order, "order", 2, HIGHEST)).statement()
 
 
@@ -354,10 +345,7 @@ class _StatementExpansion:
         return self.form.written(total)
 
     def collected(self, term: Any) -> Any:
-        """Return a polynomial in deviations from the point, written in coordinates and velocities.
-
-        The coefficients are simplified.
-        """
+        """Return a polynomial in deviations as one in coordinates and velocities, with simplified coefficients."""
         polynomial = sympy.Poly(sympy.expand(term), *self.changes)
         differences = [symbol - value for symbol, value in zip(self.symbols, self.values, strict=True)]
         return sympy.Add(

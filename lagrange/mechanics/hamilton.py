@@ -41,10 +41,7 @@ LARGEST_COUPLED_BLOCK = 4
 
 @dataclass(frozen=True)
 class Legendre:
-    """Result of the Legendre transform, in plain symbols.
-
-    `symbols` are the momenta. `velocities` and `hamiltonian` are the velocities and H as functions of the momenta.
-    """
+    """Legendre transform in plain symbols: `velocities` and `hamiltonian` H as functions of the momenta `symbols`."""
 
     symbols: tuple[Any, ...]
     velocities: tuple[Any, ...]
@@ -52,10 +49,7 @@ class Legendre:
 
 
 def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
-    """Return the Legendre transform of the Lagrangian; `symbols` are the symbols for the momenta.
-
-    Raises StatementError if the momenta do not determine the velocities.
-    """
+    """Return the Legendre transform of L with the momenta `symbols`. Raises StatementError if it does not exist."""
     mass = form.mass
     blocks = coupled_blocks([[entry != 0 for entry in row] for row in mass.tolist()])
     solve = _solved if mass.has(*form.v) else _inverted

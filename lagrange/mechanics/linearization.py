@@ -212,17 +212,13 @@ A determinant for 3 coordinates with 112 operations takes 0.3 s, for 2 coordinat
 """
 
 SAMPLES = 4  # Number of random values of the symbols at which a mass matrix with long formulas is evaluated
-POLE_DISTANCES = (1e-3, 1e-4, 1e-5)
-"""Distances of the points at which a force is evaluated from a pole"""
+POLE_DISTANCES = (1e-3, 1e-4, 1e-5)  # Distances of the points at which a force is evaluated from a pole
 SAME_SQUARE = 0.9
 """Ratio of the smallest to the largest squared force near a pole, above which the force does not vanish at it"""
 
 
 def has_inertia(lin: Linearization) -> bool:
-    """Return True if the mass matrix M is regular.
-
-    A matrix with long formulas is regular if its rank is full at one of `SAMPLES` random values of its symbols.
-    """
+    """Return True if the mass matrix M is regular; long formulas are tested at `SAMPLES` random values of symbols."""
     if not has_long_formulas(lin):
         return not is_zero(lin.M.det(method="berkowitz"))
     draw = random.Random(7)

@@ -47,8 +47,7 @@ LONGEST_SIMPLIFIED = 60
 NULL_ENTRY = 1e-18
 """Entries of a null vector below this fraction of the largest entry count as zero: rounding of 30 digits"""
 
-SMALL = 1e-7
-"""Frequencies below this fraction of the largest count as zero. Their squares are accurate to about 1e-16."""
+SMALL = 1e-7  # Frequencies below this fraction of the largest count as zero. Their squares are accurate to about 1e-16
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,10 +168,7 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
 
 
 def _values_of(*matrices: Any) -> Mapping[Any, Any]:
-    """Return distinct, arbitrary numbers for all symbols in matrices, by symbol.
-
-    With these numbers frequencies can be sorted although parameters have no values.
-    """
+    """Return distinct arbitrary numbers for all symbols in matrices, {symbol: number}, to sort frequencies by."""
     return distinct_values(s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str))
 
 
@@ -297,10 +293,7 @@ def _neat(expression: Any) -> Any:
 
 
 def _shape(matrix: Any, skipped: int) -> Any:
-    """Return the null vector number `skipped` of a matrix, scaled to 1 as first non-zero entry.
-
-    The result is None if the matrix has no more than `skipped` null vectors.
-    """
+    """Return null vector number `skipped` of a matrix, with 1 as first non-zero entry; None if there are too few."""
     adjugate = matrix.adjugate()
     values = _values_of(matrix)
     sizes = [abs(number(x, values)) for x in adjugate]
@@ -377,10 +370,7 @@ class ModeShapes:
 
 
 def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
-    """Return the shapes and frequencies of symbolic `modes` as numbers, at the stated values of the parameters.
-
-    Raises StatementError if a parameter has no value.
-    """
+    """Return symbolic `modes` in numbers at the stated parameters. Raises StatementError if a value is missing."""
     form, lin = PlainForm(statement), modes.linearization
     constants = statement.defaults
     statement.require_parameters("shapes are drawn at values of the parameters, and")

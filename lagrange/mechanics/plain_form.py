@@ -24,8 +24,7 @@ from lagrange.statement.statement import Statement
 LONGEST_FACTORED = 400
 """Largest number of operations in an expression that is expanded and factored: about 0.2 s of work."""
 
-MOST_TERMS = 2_000
-"""Largest number of terms, after expansion, of an expression that is factored. 1,300 terms take 1 s."""
+MOST_TERMS = 2_000  # Largest number of terms, after expansion, of an expression that is factored. 1,300 terms take 1 s
 
 MOST_SYMBOLS = 12
 """Largest number of symbols, functions and roots in an expression that is factored: with more it takes long."""
@@ -165,10 +164,7 @@ RESIDUAL = 1e-20
 
 
 def vanishes(form: PlainForm, expression: Any, kinds: Sequence[SampleKind] = ALL_KINDS) -> bool:
-    """Return True if an expression is zero at random states of the given `kinds`.
-
-    If it has a value at too few states, SymPy decides.
-    """
+    """Return True if an expression is zero at random states of these `kinds`; without values there SymPy decides."""
     if expression == 0:
         return True
     points = random_points(form.statement, seed=7, kinds=kinds)
@@ -205,8 +201,7 @@ def size_of_terms(expression: Any, values: Mapping[Any, Any]) -> float:
     return abs(number(expression, values))
 
 
-MOST_NODES = 15_000
-"""Largest number of nodes, in all expression trees, that one analysis shortens: about 15 s of work."""
+MOST_NODES = 15_000  # Largest number of nodes, in all expression trees, that one analysis shortens: about 15 s of work
 
 
 class Shortener:
@@ -259,8 +254,7 @@ class Shortener:
 
 IMAGINARY = 1e-20  # Largest imaginary part, relative to the real part, that is rounding
 
-FORMULA_DIGITS = 30
-"""Decimal digits of an evaluated formula: compared with doubles, its own rounding is negligible."""
+FORMULA_DIGITS = 30  # Decimal digits of an evaluated formula: compared with doubles, its own rounding is negligible
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,8 +27,7 @@ LONGEST_EQUATION = 400  # Largest number of operations in an equation that is fa
 LONGEST_SYSTEM = 500
 """Largest number of operations in all equations. Those of seven attracting bodies take minutes, without success."""
 
-HIGHEST_DEGREE = 8
-"""Largest product of the degrees of polynomial equations that are solved together, by Groebner bases."""
+HIGHEST_DEGREE = 8  # Largest product of the degrees of polynomial equations that are solved together, by Groebner bases
 
 LONGEST_VALUE = 100
 """Largest number of operations in a root of polynomial equations: longer ones take minutes to simplify."""
@@ -39,10 +38,7 @@ class GivenUpError(Exception):
 
 
 def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[dict[Any, Any]] | None:
-    """Return all real solutions {unknown: value} of equations e = 0, or None if the equations are not solved.
-
-    An unknown that stays arbitrary has no entry.
-    """
+    """Return the real solutions {unknown: value} of equations = 0, None if unsolved; free unknowns have no entry."""
     if sum(map(size, equations)) > LONGEST_SYSTEM:
         return None
     try:
@@ -182,10 +178,7 @@ def _inverse(function: Any, value: Any) -> list[Any]:
 
 
 def _tangent(factor: Any, argument: Any) -> list[Any] | None:
-    """Return the two angles in one period at which `factor`, a sin + b cos of `argument`, is zero.
-
-    The result is None for a factor of another form.
-    """
+    """Return the two angles in one period at which `factor` = a sin + b cos of `argument` is zero; else None."""
     s, c = sympy.sin(argument), sympy.cos(argument)
     first, second = sympy.Symbol("first"), sympy.Symbol("second")
     whole = sympy.expand(factor.xreplace({s: first, c: second}))
@@ -308,10 +301,7 @@ def numeric_roots(
 
 
 def _wrapped(x: FloatArray, turning: Any) -> FloatArray:
-    """Return the unknowns x with angles reduced to (-pi, pi], and values below 1e-12 replaced by zero.
-
-    `turning` is true for unknowns that are angles.
-    """
+    """Return unknowns with angles (True in `turning`) in (-pi, pi], and with zero for values below 1e-12."""
     turns = np.ceil(x / (2 * np.pi) - 0.5 - 1e-9)
     wrapped = np.where(turning, x - 2 * np.pi * turns, x)
     return np.where(np.abs(wrapped) < 1e-12, 0.0, wrapped)

@@ -205,10 +205,7 @@ def _is_definite(matrix: Any) -> bool:
 
 
 def ignorable(form: PlainForm) -> tuple[int, ...]:
-    """Return the indices of ignorable coordinates, whose momenta are constant.
-
-    Such a coordinate is absent from L, forces and constraints, and no force acts along it.
-    """
+    """Return the indices of coordinates with constant momenta: not in L, forces or constraints, and without force."""
     statement = form.statement
     return tuple(
         i
@@ -368,10 +365,7 @@ class EigenvaluePath:
 
     @property
     def stable(self) -> Any:
-        """Mask (k,), true where no eigenvalue has a positive real part.
-
-        This is necessary for stability, but not sufficient.
-        """
+        """Mask (k,): True where no eigenvalue has a positive real part, which is necessary for stability only."""
         return without_growth(self.eigenvalues)
 
 

@@ -45,10 +45,7 @@ Angles are counted from the pole or from the equator.
 
 @dataclass(frozen=True, eq=False)
 class BodyPosition:
-    """Position `r` and velocity `v` of a single body with T = mass |v|^2 / 2, in plain symbols.
-
-    `rest` is L - T, which is at most linear in velocities.
-    """
+    """Position `r` and velocity `v` of a body with L = mass |v|^2 / 2 + `rest`; `rest` is at most linear in v."""
 
     mass: Any
     r: tuple[Any, ...]
@@ -57,10 +54,7 @@ class BodyPosition:
 
 
 def place(stated: StatedAlgebra) -> BodyPosition | None:
-    """Return the position of the only body of a statement, or None if its kinetic energy is not mass |v|^2 / 2.
-
-    The position vectors in `PLACINGS`, such as polar and spherical coordinates, are tried.
-    """
+    """Return the position of a single body with T = mass |v|^2 / 2, in coordinates of `PLACINGS`; else None."""
     mass = _mass(stated)
     for placing in PLACINGS.get(len(stated.q), ()) if mass is not None else ():
         for order in permutations(range(len(stated.q))):
@@ -123,10 +117,7 @@ def oriented(
 
 
 def _motion(stated: StatedAlgebra, symmetry: Symmetry, body: BodyPosition) -> tuple[str, int] | None:
-    """Return (name of the quantity, sense 1 or -1) of a rotation of the body about an axis, or a shift along an axis.
-
-    The result is None for other symmetries.
-    """
+    """Return (name of the quantity, sense 1 or -1) for a rotation of the body or a shift along an axis, else None."""
     moved = Matrix([sum((x.diff(q) * xi for q, xi in zip(stated.q, symmetry.xi, strict=True)), S.Zero) for x in body.r])
     for k, axis in enumerate("xyz"):
         unit = Matrix([int(j == k) for j in range(3)])
@@ -155,10 +146,7 @@ def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
 
 
 def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
-    """Return (name of the quantity, sense 1 or -1) of a rotation in pairs of coordinates such as x1 and y1.
-
-    The result is None for other symmetries.
-    """
+    """Return (name of the quantity, sense 1 or -1) for a rotation in coordinate pairs such as (x1, y1), else None."""
     names = dict(zip(stated.q, stated.statement.names, strict=True))
     axes: dict[tuple[str, int], None] = {}
     for q, xi in zip(stated.q, symmetry.xi, strict=True):
@@ -219,10 +207,7 @@ class Symmetry:
 
 
 class SymmetryEquation:
-    """Condition for symmetries of a statement: it tests candidates and finds their gauge functions.
-
-    `forces` are dL/dq + Q - dD/dv, as sums of monomials.
-    """
+    """Tests candidates for symmetries of a statement and finds gauge functions; `forces` are dL/dq + Q - dD/dv."""
 
     def __init__(self, stated: StatedAlgebra) -> None:
         self.stated = stated
@@ -262,10 +247,7 @@ class SymmetryEquation:
         return not vanishes_in_symbols(printable(self.stated.algebra.write(terms)))
 
     def _gauge(self, defect: MonomialSum) -> Any:
-        """Return F(q, t) with dF/dt equal to the `defect`, or zero if none is found.
-
-        The derivatives of F, read from the defect, are integrated one after another.
-        """
+        """Return F(q, t) with dF/dt = `defect`, integrated from its derivatives one by one; zero if none is found."""
         stated, algebra = self.stated, self.stated.algebra
         gauge, left = S.Zero, defect
         slopes = [algebra.merge_angles(algebra.differentiate(defect, v)) for v in stated.v]
@@ -343,10 +325,7 @@ MOST_PAIRED = 6
 
 
 def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield shifts that may be symmetries: of time, of single coordinates, of groups, and of all coordinates.
-
-    A group consists of the coordinates of one axis, such as x1 and x2.
-    """
+    """Yield shifts that may be symmetries: of time, of single coordinates, of each axis (x1 and x2), and of all."""
     n, names = len(stated.q), stated.statement.names
     yield Symmetry((S.Zero,) * n, S.One)
     groups = [{i} for i in range(n)]
@@ -377,10 +356,7 @@ def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
 
 
 def body_motions(stated: StatedAlgebra, position: BodyPosition) -> Iterator[Symmetry]:
-    """Yield shifts and rotations of a single body that may be symmetries, along and about fixed axes.
-
-    `position` is the position of the body in curvilinear coordinates.
-    """
+    """Yield candidates for symmetries of a body at `position`: shifts along and rotations about fixed axes."""
     if position.r == tuple(stated.q):
         return
     r = Matrix([*position.r, *([S.Zero] * (3 - len(position.r)))])

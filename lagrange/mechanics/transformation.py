@@ -379,10 +379,7 @@ class Routh:
 
 
 def routh_of(statement: Statement, ignored: Sequence[Any]) -> Routh:
-    """Return Routh's procedure that ignores the coordinates `ignored`.
-
-    Raises StatementError if one of them is not ignorable, or if no coordinate would be left.
-    """
+    """Return Routh's procedure for `ignored`. Raises StatementError unless they are ignorable and others are left."""
     if not ignored:
         raise StatementError("routhian() has no arguments: give a coordinate that is ignorable.")
     form = PlainForm(statement)

@@ -545,10 +545,7 @@ def _free(matrix: Sequence[Sequence[float]], names: Sequence[str]) -> list[str]:
 def _refuted(
     rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample], named: str
 ) -> EquationsComparison:
-    """Return the result for an answer in which the equations with the indices `wrong` do not hold.
-
-    `named` is the message that names the fault.
-    """
+    """Return the result with the message `named` for an answer in which the equations `wrong` (indices) fail."""
     row, names, example, details = rows[wrong[0]], rows[0].statement.names, dict[str, float](), ""
     accelerations = [f"{name}_ddot" for name in names]
     for sample in (sample for sample in samples if not row.holds([sample])):

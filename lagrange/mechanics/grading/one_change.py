@@ -311,10 +311,7 @@ class _Search:
                 yield cost + below + self._cost_of_right(total, difference.right), total, difference
 
     def _changed_terms(self, total: Sum, changes: Numbers) -> Iterator[tuple[float, Difference]]:
-        """Yield (cost, difference) for changes of one term of a sum, or of the whole sum.
-
-        `changes` are the necessary changes of the sum at the samples.
-        """
+        """Yield (cost, difference) for changes of one term, or of the whole sum, that add `changes` at the samples."""
         parts = [(term, False) for term in total.terms]  # pairs (expression, True for the whole sum)
         if len(parts) > 1:
             parts.append((total.whole, True))
@@ -378,10 +375,7 @@ class _Search:
                 yield total, [step * value for step, value in zip(steps, whole, strict=True)]
 
     def _of_term(self, term: Any, value: Numbers, changes: Numbers) -> Iterator[tuple[float, Difference]]:
-        """Yield (cost, difference) for replacements of a term that change its value at the samples by `changes`.
-
-        `value` are the values of the term at the samples.
-        """
+        """Yield (cost, difference) for replacements that add `changes` to a term's values `value` at the samples."""
         required = [a + b for a, b in zip(value, changes, strict=True)]
         if max(map(abs, required)) <= NONE * max(map(abs, value)):
             yield LEFT_OUT, Difference("extra", term, sympy.S.Zero)

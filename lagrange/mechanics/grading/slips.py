@@ -124,10 +124,7 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
 
 
 def _slips(zeros: Sequence[Any], parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
-    """Yield common slips that the equations `zeros` = 0 may contain, the most common first.
-
-    `parameters` are the parameters in the equations.
-    """
+    """Yield common slips that the equations `zeros` = 0 with these `parameters` may contain, the most common first."""
     for p in parameters:
         if _has_direction(p, statement):
             yield f"All is right with -{p} in place of {p}: check the direction in which {p} is counted.", {p: -p}
@@ -147,10 +144,7 @@ def _slips(zeros: Sequence[Any], parameters: Sequence[Any], statement: Statement
 
 
 def _factors(parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
-    """Yield slips that may also look like one wrong term: signs, directions, and factors 2 and 1/2.
-
-    `parameters` are the parameters in the equations.
-    """
+    """Yield slips that also look like one wrong term: signs, directions, factors 2 and 1/2 of these `parameters`."""
     for p in parameters:
         if not statement.kinetic.has(p):
             yield f"All is right with -{p} in place of {p}: the terms with {p} have the wrong sign.", {p: -p}
@@ -340,8 +334,7 @@ def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[
     raise OutsideDomain("no decimal is determined")
 
 
-LARGEST_COUNT = 4
-"""Integers and half-integers up to this number are exponents or factors, not values of parameters"""
+LARGEST_COUNT = 4  # Integers and half-integers up to this number are exponents or factors, not values of parameters
 
 
 def with_parameters(

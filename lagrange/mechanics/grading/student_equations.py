@@ -374,10 +374,7 @@ class EquationRow:
         return self._tape.switches
 
     def ways(self, point: SamplePoint) -> tuple[int | None, ...]:
-        """Return the outcome of each switch, such as a condition or Abs, at a point.
-
-        Raises OutsideDomain if the equation has no value at the point.
-        """
+        """Return the outcome of each switch, such as Abs, at a point. Raises OutsideDomain if a value is missing."""
         outcomes, _ = self._tape.inspect(point.q, point.v, point.t, point.parameters)
         return outcomes
 
@@ -409,10 +406,7 @@ class EquationRow:
         return sum(terms) + rest, sum(map(abs, terms)) + max(abs(rest), sum(map(abs, parts))) + rounding
 
     def holds(self, samples: Sequence[MotionSample]) -> bool:
-        """Return True if the true motion satisfies the equation at every sample at which the equation has a value.
-
-        The result is False if there is no such sample.
-        """
+        """Return True if the true motion satisfies the equation at all samples where it has a value (at least one)."""
         tried = False
         for sample in samples:
             with suppress(OutsideDomain):
@@ -433,10 +427,7 @@ _JUMPS = (sympy.Heaviside, sympy.DiracDelta, sympy.sign, sympy.Abs, sympy.Max, s
 
 
 def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
-    """Return an equation of an answer as a row of linear coefficients.
-
-    Raises StatementError if it is not linear in accelerations and multipliers.
-    """
+    """Return an equation as linear coefficients of accelerations and multipliers, else raise StatementError."""
     zero = equation.zero.xreplace(dict(equation.meanings)).xreplace(abbreviations(statement))
     if zero.has(sympy.DiracDelta):
         raise StatementError(

@@ -331,10 +331,7 @@ def _factor_ending(factor: Any, write: Write) -> str:
 
 
 def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence on a wrong expression under a typed d/dt, or "".
-
-    It is wrong if the equation holds with a constant times a momentum in its place.
-    """
+    """Return a sentence on an expression under a typed d/dt that should be a constant times a momentum, or else ""."""
     statement, momenta = row.statement, list[Any]()
     with suppress(StatementError):
         momenta = [p.xreplace(statement.plain) for p in derivation.momenta.values()]
@@ -361,10 +358,7 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
 
 
 def _wrong_term_of_momentum(row: EquationRow, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence on a term under a typed d/dt with a wrong sign or factor 2 or 1/2, or "".
-
-    Terms without a velocity are tried first.
-    """
+    """Return a sentence on a term under a typed d/dt that has a wrong sign or a wrong factor 2 or 1/2, or else ""."""
     velocities, ratios = list(row.statement.plain.values())[1::3], (Fraction(-1), Fraction(2), Fraction(1, 2))
     for typed in dict.fromkeys(row.equation.differentiated):
         terms = sorted(typed.args if typed.is_Add else (), key=lambda term: term.has(*velocities))
