@@ -63,10 +63,7 @@ class Drawn(ABC):
 
     @abstractmethod
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure of the result, drawn on Matplotlib's axes `ax` if they are given.
-
-        `style` is "light" or "dark".
-        """
+        """Return the figure of the result, on Matplotlib's axes `ax` if given, in the `style` "light" or "dark"."""
 
     @abstractmethod
     def _lines(self) -> list[tuple[str, str]]:
@@ -120,10 +117,7 @@ class PoincareSection(Drawn, SectionData):
     """Times and states at the crossings of each orbit; the result of `lagrange.poincare`."""
 
     def plot(self, x: Any = None, y: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure of the Poincare section: a point for each crossing, and a colour for each orbit.
-
-        `x` and `y` are the entries of the state on the axes.
-        """
+        """Return the figure of the section: a point per crossing, a colour per orbit, over the entries `x` and `y`."""
         return plot_section(self, x, y, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -137,10 +131,7 @@ class Bifurcation(Drawn, SweepData):
     """States of a driven system along a parameter, sampled after the transient; a result of `lagrange.bifurcation`."""
 
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure of the bifurcation diagram: the sampled states against the parameter.
-
-        `entry` is the entry of the state to draw.
-        """
+        """Return the figure of the bifurcation diagram: sampled values of the state's `entry` against the parameter."""
         return plot_sweep(self, entry, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -159,10 +150,7 @@ class EquilibriumBranches(Drawn, BranchesData):
     """Branches of equilibria along a parameter; the result of `lagrange.bifurcation` without driving or section."""
 
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure of equilibria along the parameter: a line for each branch, dashed where unstable.
-
-        `entry` is the coordinate to draw.
-        """
+        """Return the figure of the coordinate `entry` along the parameter: a line per branch, dashed where unstable."""
         return plot_branches(self, entry, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -192,10 +180,7 @@ class ShownModes(Modes):
         return self._summary(written)
 
     def shapes_in_numbers(self) -> ModeShapes:
-        """Return the shapes of the modes as numbers, for all coordinates and for the stated positions.
-
-        Raises StatementError where a parameter has no value.
-        """
+        """Return the shapes of the modes as numbers. Raises StatementError where a parameter has no value."""
         return mode_shapes(self, self.linearization.statement)
 
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:

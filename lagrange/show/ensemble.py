@@ -77,8 +77,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-MOST_LETTERS = 240
-"""Longest message of a failed member on the card, in characters; `messages` has the whole text."""
+MOST_LETTERS = 240  # Longest message of a failed member on the card, in characters; `messages` has the whole text
 
 MOST_DRAWN = 1_000_000
 """Largest number of members whose picture a notebook shows automatically: more take seconds to read and to draw."""
@@ -173,10 +172,7 @@ class Ensemble:
         return label
 
     def _kept(self, column: str, name: str) -> Any:
-        """Return the values of a kept quantity, `column`. Raises StatementError if it was not kept.
-
-        The message of the error tells the user to add `name` to `keep`.
-        """
+        """Return the kept quantity `column`. Raises StatementError, which says to add `name` to `keep`, if not kept."""
         if all(kept.name != column for kept in self.columns):
             raise StatementError(f'{column} was not kept: add "{name}" to keep, as in keep=("end", "{name}").')
         return self.results.column(column)
@@ -283,17 +279,11 @@ class Ensemble:
         return xarray.Dataset(data, coords=coordinates, attrs=attributes)
 
     def _start_name(self, label: str) -> str:
-        """Return the name of the varied quantity `label` in a Dataset.
-
-        With t_eval the initial values of a coordinate have the suffix _start.
-        """
+        """Return the name of a varied quantity in a Dataset: with t_eval coordinates get the suffix _start."""
         return label if self.problem.t_eval is None else start_name(label, self.names)
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
-        """Yield (name, values, dimensions) of each variable of a Dataset for a column of results.
-
-        The dimensions of the varied quantities, which come first in the Dataset, are not included.
-        """
+        """Yield (name, values, dimensions after those of varied quantities) of each Dataset variable of a `column`."""
         names, rows = self._variables_of(column), self.results.column(column.name)
         if column.name == STATUS:
             yield STATUS, np.array([status.value for status in STATUSES])[rows], ()

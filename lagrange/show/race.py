@@ -33,17 +33,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_ROWS = 15
-"""Largest number of methods in a column of the legend. With more columns the legend shows no settings."""
+_ROWS = 15  # Largest number of methods in a column of the legend. With more columns the legend shows no settings
 
 _WIDTH = 125  # Characters per line of the text below the figure
 
 
 def plot(race: Race, style: Any = "light") -> Figure:
-    """Return the figure of a race: the error of each method against its computing time.
-
-    Raises StatementError if no run reached the end.
-    """
+    """Return the figure of error against computing time. Raises StatementError if no run reached the end."""
     look = style_of(style)
     shown = [entry for entry in race if entry.complete and 0 < entry.error < float("inf")]
     if not shown:
@@ -128,10 +124,7 @@ def _short(size: float) -> str:
 
 
 def _mark_limits(axis: Axes, race: Race, style: FigureStyle) -> None:
-    """Shade errors below `race.floor`, which no method in double precision reaches except by chance.
-
-    Nothing is shaded if `race.floor` is below the lower end of the axis.
-    """
+    """Shade errors below `race.floor`, which no method reaches in double precision except by chance, if in sight."""
     low, high = axis.get_ylim()
     if low < race.floor < float("inf"):
         axis.axhspan(low, min(race.floor, high), color=style.grid, alpha=0.55, zorder=0, linewidth=0)

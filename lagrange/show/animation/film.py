@@ -73,10 +73,7 @@ points."""
 
 
 def checked_options(size: Any, trail: Any) -> tuple[tuple[int, int] | None, float | None]:
-    """Return the arguments `size` and `trail` of a `Film`, or None for those that the user leaves out.
-
-    Raises StatementError for an invalid `size` or `trail`.
-    """
+    """Return `size` and `trail` of a `Film`, None if left out. Raises StatementError for invalid values."""
     if size is not None:
         if not isinstance(size, (tuple, list)) or len(size) != 2:
             raise StatementError(f"size = {shown(size)}: give width and height in pixels, such as size=(640, 480).")
@@ -205,10 +202,7 @@ class _FilmFigure:
 
     @cached_property
     def clear(self) -> Pixels:
-        """Pixels of the fixed parts, with all curves opaque over their whole length.
-
-        Each frame copies from these pixels the part of each curve up to the time of the frame.
-        """
+        """Pixels of the fixed parts and of all curves, opaque over their whole length; each frame copies a part."""
         self.pixels[...] = self.still
         for chart in self.charts:
             for line in chart.clear:
@@ -408,10 +402,7 @@ class MovingScene:
 
 
 class Pen:
-    """Draws lines and marks in a panel directly with Matplotlib's renderer, ten times as fast as with artists.
-
-    `paper` is the colour of the background.
-    """
+    """Draws in a panel with Matplotlib's renderer, ten times faster than artists; `paper` is the background colour."""
 
     def __init__(self, renderer: Any, axis: Axes, paper: str) -> None:
         from matplotlib.colors import to_rgb

@@ -17,8 +17,7 @@ from lagrange.trajectory.measures.times_and_points import points_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
-MOST_FRAMES = 3000
-"""Largest number of frames of an animation: 100 s at 30 frames per second, or some 20 MB as a GIF."""
+MOST_FRAMES = 3000  # Largest number of frames of an animation: 100 s at 30 frames per second, or some 20 MB as a GIF
 
 LEAST_FPS, MOST_FPS = 1.0, 60.0
 """Least and largest number of frames per second. Fewer show no motion; more are not shown by common screens."""
@@ -114,8 +113,7 @@ def _rounded_up(value: float) -> float:
 MOST_SAMPLES = 12_000
 """Largest number of times at which a run is evaluated, unless there are more frames: 12,000 take some 50 ms."""
 
-MOST_DETAIL = 16
-"""Largest number of samples for each frame: a path turns by a few degrees between two of them."""
+MOST_DETAIL = 16  # Largest number of samples for each frame: a path turns by a few degrees between two of them
 
 _GAP = 2.5
 """The least V is subtracted from V and E for drawing if this divides the range of the energies by more than this."""
@@ -150,10 +148,7 @@ class Recording:
 
     @property
     def zero(self) -> float:
-        """Energy that is subtracted from V and E for drawing: 0, or the least V.
-
-        The least V is subtracted if the curves would otherwise look like straight lines.
-        """
+        """Energy subtracted from V and E for drawing: the least V if curves would look like straight lines, else 0."""
         if len(self.energies) < 2:
             return 0.0
         rows, least = np.array([*self.energies.values()]), float(self.energies["V"].min())
@@ -262,10 +257,7 @@ def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str
 
 
 def _jumps(solution: Solution, t: FloatArray) -> NDArray[np.intp]:
-    """Return the indices (k,) of the samples after which a curve jumps, because an event sets states or parameters.
-
-    `t` are the times of all samples.
-    """
+    """Return the indices (k,) of samples, at times `t`, after which an event sets states or parameters."""
     run = solution.trajectory
     times = [np.empty(0)] if run.history is None else [run.history.begins[1:]]
     if known_alone(run) is None:

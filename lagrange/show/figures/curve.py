@@ -166,8 +166,7 @@ _LEAST = 1e-9  # Intervals shorter than this fraction of the span are not divide
 LEVEL_RANGE = 1e-9
 """Values whose range is below this fraction of the largest value are drawn as a level line: they are rounding noise."""
 
-_COLUMNS = 2
-"""Columns per pixel of width. In each column a line keeps its first, last, smallest and largest value."""
+_COLUMNS = 2  # Columns per pixel of width. In each column a line keeps its first, last, smallest and largest value
 
 
 @dataclass(frozen=True)

@@ -122,10 +122,7 @@ def _field(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
 
 
 def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]:
-    """Return an orbit as a line on the plane of the portrait, x and y (k,), exact within a pixel.
-
-    The line is cut where an angle wraps; NaN separates its pieces.
-    """
+    """Return an orbit as a line x, y (k,) on the portrait's plane, exact within a pixel; NaN where an angle wraps."""
     first, second = portrait.plane
     rows = [first.row, second.row]
     pieces = []
@@ -315,8 +312,7 @@ def plot_branches(data: BranchesData, entry: Any, ax: Any, style: Any) -> Figure
 
 MOST_MODES = 8  # Largest number of modes in a figure: more would make it taller than a page
 
-LARGEST_DISPLACEMENT = 0.22
-"""Largest displacement in the figure, as a part of the extent of the positions at rest."""
+LARGEST_DISPLACEMENT = 0.22  # Largest displacement in the figure, as a part of the extent of the positions at rest
 
 
 def plot_modes(shapes: ModeShapes, ax: Any, style: Any) -> Figure:

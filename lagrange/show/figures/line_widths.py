@@ -12,8 +12,7 @@ AT_REST = 1.4  # Links of the positions at rest, in a figure of modes
 SEPARATRIX = 2.0
 SURFACE = 2.4
 
-NEAREST, FARTHEST = 1.6, 0.4
-"""Widths of a path in space: of its nearest part, and the limit for parts far away."""
+NEAREST, FARTHEST = 1.6, 0.4  # Widths of a path in space: of its nearest part, and the limit for parts far away
 
 MOVING_CURVE, COMING_CURVE = 1.5, 1.2  # In an animation: a curve up to the time of the frame, and after it
 MOVING_ROD, MOVING_SPRING, MOVING_EDGE = 2.4, 1.4, 1.2

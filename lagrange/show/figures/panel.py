@@ -184,10 +184,7 @@ def invariants(solution: Solution) -> list[PanelQuantity]:
 
 
 def multipliers(solution: Solution) -> list[PanelQuantity]:
-    """Return one quantity for each constraint: its multiplier over time.
-
-    Raises StatementError for a system without constraints.
-    """
+    """Return each multiplier over time as one quantity. Raises StatementError for a system without constraints."""
     if not solution.multipliers:
         raise StatementError(f"{solution.model.statement.name} has no constraints, and so no multipliers to plot.")
     return [
@@ -209,10 +206,7 @@ def violation(solution: Solution) -> PanelQuantity:
 
 
 def expression(solution: Solution, stated: Any) -> PanelQuantity:
-    """Return the quantity for a panel that shows the expression `stated` in the symbols of a system.
-
-    The expression may contain accelerations and multipliers, too.
-    """
+    """Return the quantity of a panel for the expression `stated`, which may contain accelerations and multipliers."""
     label = row_label(stated)
     if label in solution.names:
         return _group(solution.model.statement, [label.removesuffix("_dot")], rate=label.endswith("_dot"))
@@ -235,10 +229,7 @@ def panel_on(ax: Any, style: FigureStyle, size: tuple[float, float]) -> tuple[Fi
 
 
 def figure_of(ax: Any) -> Figure:
-    """Return the whole figure of a user's axes.
-
-    Raises StatementError for anything that is not Matplotlib's axes, and for axes without a figure.
-    """
+    """Return the whole figure of a user's axes. Raises StatementError if `ax` is not Matplotlib's axes in a figure."""
     if getattr(ax, "plot", None) is None or getattr(ax, "get_figure", None) is None:
         raise StatementError(f"ax is {shown(ax)}: give axes of Matplotlib, or leave it out for a new figure.")
     return of_figure(ax)
@@ -344,10 +335,7 @@ class TimePanel:
         self._name(axis, "; ".join(dict.fromkeys(run.note for run in runs if run.note)), style)
 
     def _draw_run(self, axis: Axes, index: int, run: Curves, style: FigureStyle) -> None:
-        """Draw the lines of run number `index`.
-
-        Each run has its own colour. If a run has several rows, each row has a colour and each run a line style.
-        """
+        """Draw run number `index` in its colour; several rows have a colour each, and the run has a line style."""
         several, count = len(self.solutions) > 1, len(run.lines)
         run_colour = colours(len(self.solutions), style.colours)[index]
         shades = (style.ink,) if self.quantities[0].drift else colours(1, style.colours)

@@ -139,8 +139,7 @@ _FEWEST = 3  # Least number of ticks of an axis: fewer show no scale
 
 _STEPS = [1, 2, 2.5, 5, 10]
 
-_NUMBERS, _NAMES = 9.0, 27.0
-"""Distance in points from an edge of the floor to its numbers, and to the name of its axis."""
+_NUMBERS, _NAMES = 9.0, 27.0  # Distance in points from an edge of the floor to its numbers, and to the name of its axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,8 +244,7 @@ def _numbers(
         written.set_in_layout(False)  # the limits of the panel already leave room for it
 
 
-SLENDER = 12
-"""Ratio of length to width above which paths are not drawn to scale, because they would be a narrow strip."""
+SLENDER = 12  # Ratio of length to width above which paths are not drawn to scale, because they would be a narrow strip
 
 
 def is_slender(extents: FloatArray) -> bool:
@@ -443,10 +441,7 @@ class PathPanel:
         return np.array([low - more, high + more])
 
     def _shades(self, run: Paths, index: int, style: FigureStyle) -> dict[str, str]:
-        """Return the colour of each moving point by name, for run number `index`.
-
-        If only one point moves, each run has its own colour.
-        """
+        """Return {point: colour} of the moving points of run number `index`; a lone point has the run's colour."""
         hidden = corners(run.links)
         moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed and name not in hidden]
         if len(moving) == 1 and len(self.solutions) > 1:

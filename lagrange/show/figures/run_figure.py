@@ -149,8 +149,7 @@ _LEAST, _LEAST_PLANE, _BESIDE, _NARROWEST = 0.45, 1.5, 0.8, 0.4
 """Least heights in inches of a panel over time and of a phase plane, height of title and axis labels, and least width
 as a fraction of the default width. Smaller panels would collapse."""
 
-MOST_QUANTITIES = 100
-"""Largest number of entries of what=. A panel takes 30 ms, and 100 panels are 100 inches high."""
+MOST_QUANTITIES = 100  # Largest number of entries of what=. A panel takes 30 ms, and 100 panels are 100 inches high
 
 _ONE_COLUMN = 4  # More coordinates than this are in two columns
 
@@ -256,10 +255,7 @@ def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: 
 
 
 class _Left:
-    """Left part of a figure: panels over time with a common time axis, above panels of paths along a horizontal line.
-
-    Many panels of coordinates are in two columns.
-    """
+    """Left part of a figure: panels with a common time axis, in two columns if many, above horizontal paths."""
 
     def __init__(self, panels: Sequence[TimePanel], rows: Sequence[Panel]) -> None:
         narrow = [panel for panel in panels if not panel.wide]

@@ -98,10 +98,7 @@ def check_place(path: str | os.PathLike[str]) -> None:
 
 
 def old_mode(target: Path) -> int | None:
-    """Return the permissions of an existing file, None if there is no file.
-
-    Raises StatementError for a folder or a device.
-    """
+    """Return the permissions of an existing file, None for no file. Raises StatementError for a folder or device."""
     if not target.parent.is_dir():
         raise StatementError(
             f"Cannot write {_name(target)}: there is no folder {_name(target.parent)}. Make this folder, or name "
@@ -118,10 +115,7 @@ def old_mode(target: Path) -> int | None:
 
 
 def in_words(target: Path, error: OSError) -> StatementError | RunError:
-    """Return the error to raise for the OSError `error`, which occurred while `target` was written.
-
-    Its message names the cause and says what to do.
-    """
+    """Return the error, with cause and remedy in words, to raise for an OSError that occurred in writing `target`."""
     reason = _FULL.get(error.errno or 0)
     if reason:
         return RunError(

@@ -25,8 +25,7 @@ from lagrange.trajectory.integrator import MEMORY_DIVISOR, machine_memory
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory
 
-MOST_ARRAYS = 10_000
-"""Largest number of arrays in a file: a run has about ten, and two for each event."""
+MOST_ARRAYS = 10_000  # Largest number of arrays in a file: a run has about ten, and two for each event
 
 UNREADABLE = (
     *(ValueError, KeyError, TypeError, AttributeError, IndexError, ArithmeticError, RuntimeError, MemoryError),
@@ -157,10 +156,7 @@ def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None
 
 
 def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:
-    """Return the states in the file of a run with their times: the outputs `y` at `t`, and states between the outputs.
-
-    Older files have no states between outputs.
-    """
+    """Return the states in the file of a run with their times: outputs `y` at `t` and, in newer files, between them."""
     t_between, y_between = arrays.get("t_between", np.empty(0)), arrays.get("y_between", np.empty((len(y), 0)))
     if y_between.shape != (len(y), len(t_between)):
         raise StatementError(f"it has states of shape {y_between.shape} at {len(t_between)} times between its outputs.")

@@ -301,10 +301,7 @@ class Typesetter:
         return self.signed(node)[1]
 
     def signed(self, node: Any) -> tuple[bool, FormulaPiece]:
-        """Return a flag and a text: True if the term `node` is subtracted, and the term without its sign.
-
-        Results are cached.
-        """
+        """Return (True if the term `node` is subtracted, text of the term without its sign), from a cache."""
         if node not in self._signed:
             if node.is_Add:
                 self._signed[node] = False, self.piece(node)
@@ -379,10 +376,7 @@ class Typesetter:
         return self.notation.fraction(top, self.notation.product(below)) if below else top
 
     def factors(self, number: Any, pairs: list[Any]) -> list[FormulaPiece]:
-        """Return the texts of the factors of a product; a number 1 in front of other factors is left out.
-
-        `pairs` are pairs of a base and a positive exponent.
-        """
+        """Return the factors of a product as texts; `pairs` are (base, positive exponent), a number 1 is left out."""
         return [*([] if number == 1 else [self.number(number)]), *map(self.power, pairs)]
 
     def power(self, pair: tuple[Any, Any]) -> FormulaPiece:
@@ -423,10 +417,7 @@ class Typesetter:
         return self.function(node)
 
     def function(self, node: Any, exponent: str = "") -> FormulaPiece:
-        """Return the text of a function, raised to `exponent`.
-
-        A function of time alone is written as a letter.
-        """
+        """Return the text of a function, raised to `exponent`; a function of time alone is written as a letter."""
         if isinstance(node, AppliedUndef) and node.args == (t,):
             return FormulaPiece(self.notation.letter(node.func.__name__), simple=True)
         name = NAME_OF_CLASS.get(node.func, node.func.__name__)

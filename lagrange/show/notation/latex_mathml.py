@@ -181,10 +181,7 @@ class MathmlNotation(BookNotation):
         return self.constants.get(name, f"<mi>{name}</mi>")
 
     def brackets(self, inside: str) -> str:
-        """Return MathML in parentheses, which stretch only around a tall text such as a fraction.
-
-        Parentheses that stretch have wide gaps beside them.
-        """
+        """Return MathML in parentheses, which stretch, with gaps beside them, only around tall text (fractions)."""
         if any(tall in inside for tall in TALL):
             return row(operator("("), inside, operator(")"))
         return row('<mo stretchy="false">(</mo>', inside, '<mo stretchy="false">)</mo>')
