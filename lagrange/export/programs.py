@@ -51,10 +51,7 @@ class Fields(Template):
 
 @cache
 def templates(language: str) -> Mapping[str, Fields]:
-    """Return the templates of a language by name, from its file in the folder `templates`.
-
-    A line such as "@@@ head" precedes the template of this name.
-    """
+    """Return the templates in the file of a language by name; a line such as "@@@ head" precedes each of them."""
     text = resources("lagrange.export").joinpath("templates", f"{language}.txt").read_text("ascii")
     _, *parts = re.split(r"^@@@ ([\w ]+)\n", text, flags=re.MULTILINE)
     return dict(zip(parts[::2], map(Fields, parts[1::2]), strict=True))
@@ -157,10 +154,7 @@ def fields_of(module: SourceModule) -> dict[str, object]:
 
 
 def _named(name: str, script: Script, lists: Mapping[str, Sequence[float]]) -> dict[str, str]:
-    """Return the values for the template of a test: its name, its name in quotes, and its tables of numbers.
-
-    `lists` maps the name of each table to its numbers.
-    """
+    """Return the fields of a test: its name, its quoted name, and tables of the numbers in `lists`, by table name."""
     tables = ""
     for table, values in lists.items():
         for begin in range(0, len(values), script.chunk or len(values) or 1):
@@ -214,8 +208,7 @@ def main_text(module: SourceModule, script: Script, **extra_fields: object) -> s
 STATES = 6  # Number of states of each test, the initial state among them if the quantity has values there
 TOLERANCE = 1e-12  # Allowed relative error of a result
 
-WELL_CONDITIONED = 2e-14
-"""Largest relative error of doubles at a preferred test state: a fiftieth of the allowed error."""
+WELL_CONDITIONED = 2e-14  # Largest relative error of doubles at a preferred test state: a fiftieth of the allowed error
 
 STATE_DRAWS = 60  # Number of random states from which well-conditioned ones are chosen
 ULP = 2.0**-52  # Relative change of a state, from which the sensitivity of results to rounding is estimated
@@ -420,8 +413,7 @@ def _exact(program: Program, t: float, y: tuple[float, ...], parameters: Sequenc
 STEP_LENGTH, RUN_LENGTH = 1e-3, 1e-1
 """Length of the tested step and of the tested run, as fractions of the stated duration, or of 1 if it is longer."""
 
-STEP_TOLERANCE = 1e-11
-"""Allowed error of the state after a step or a short run, relative to its largest entry."""
+STEP_TOLERANCE = 1e-11  # Allowed error of the state after a step or a short run, relative to its largest entry
 
 
 def prepared_numbers(preparing: Procedure, size: int, statement: Statement, parameters: Sequence[float]) -> memoryview:

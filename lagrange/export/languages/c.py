@@ -114,10 +114,7 @@ class BracedPrinter(SourcePrinter):
         return "break;"
 
     def partial(self, ref: int, index: str) -> str:
-        """Return the text of one of the four partial sums of the sum number `ref`, which a loop computes.
-
-        `index` is the text of the index of the partial sum, 0 to 3.
-        """
+        """Return the text of partial sum `index` (text of 0 to 3) of the sum number `ref`, which a loop computes."""
         return f"{self.text(ref)}[{index}]"
 
     def modulo(self, index: str) -> str:
@@ -172,10 +169,7 @@ RESERVED = (
 
 @dataclass(frozen=True)
 class CNames:
-    """Names of a module in C: the names of all functions and records begin with `prefix`.
-
-    `needed` collects the operations whose definitions the file needs.
-    """
+    """Names of a module in C with a common `prefix`; `needed` are the operations whose definitions the file needs."""
 
     prefix: str
     needed: dict[str, None] = field(default_factory=dict)
@@ -244,10 +238,7 @@ def comment(text: str) -> list[str]:
 
 
 def function(procedure: Procedure, c_names: CNames, *, hidden: bool = False) -> str:
-    """Return the text of a procedure as a C function, which is static if `hidden`.
-
-    The operations whose definitions the function needs are added to `c_names.needed`.
-    """
+    """Return a procedure as a C function, static if `hidden`; add operations that need definitions to `c_names`."""
     return _CPrinter(procedure, c_names, hidden=hidden).function()
 
 
