@@ -11,8 +11,7 @@ from typing import Any
 MOST_DIGITS = 60
 """Longest whole number, in digits, that a message shows. For a longer number it gives the number of digits."""
 
-LONGEST_NAME = 80
-"""Longest part of a text, in characters, that is compared with known names for a suggestion."""
+LONGEST_NAME = 80  # Longest part of a text, in characters, that is compared with known names for a suggestion
 
 LONGEST_SENTENCE, END_OF_SENTENCE = 400, 150
 """Longest message, and length of its end that is always kept, in characters. The end says what to do."""

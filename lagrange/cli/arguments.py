@@ -38,10 +38,7 @@ class Answer:
 
 
 class Help(argparse.HelpFormatter):
-    """Formatter of the help text, whose column of command names is wide enough for indented names.
-
-    The formatter of argparse does not count the indentation.
-    """
+    """Formatter of help whose column of commands counts their indentation, unlike the formatter of argparse."""
 
     def add_argument(self, action: argparse.Action) -> None:
         """Add an argument to the help text, and widen the column of command names by the indentation."""
@@ -150,10 +147,7 @@ def load_scene(request: argparse.Namespace) -> System:
 
 
 def folder(name: str) -> Path:
-    """Return the path of a folder to write to. The folder is created if it is missing.
-
-    Raises StatementError for a folder that cannot be used.
-    """
+    """Return the path of a folder, created if missing. Raises StatementError for a folder that cannot be used."""
     if not name:
         raise StatementError("--out: the name of the folder is empty. Give one, such as --out out, or . for this one.")
     path = Path(name)

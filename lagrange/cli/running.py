@@ -61,10 +61,7 @@ def run(request: argparse.Namespace) -> Answer:
 
 
 def _times(system: System, run_arguments: dict[str, Any], points: int | None) -> Any:
-    """Return `points` equally spaced output times from 0 to the end of a run, or None if `points` is None.
-
-    `run_arguments` are the keyword arguments of the run.
-    """
+    """Return `points` equally spaced times from 0 to the end of the run `run_arguments`; None if `points` is None."""
     import numpy as np
 
     return None if points is None else np.linspace(0.0, _end(system, run_arguments), points)
