@@ -38,44 +38,6 @@ _ROWS = 15  # Largest number of methods in a column of the legend. With more col
 _WIDTH = 125  # Characters per line of the text below the figure
 
 
-def plot(race: Race, style: Any = "light") -> Figure:
-    """Return the figure of error against computing time. Raises StatementError if no run reached the end."""
-    look = style_of(style)
-    shown = [entry for entry in race if entry.complete and 0 < entry.error < float("inf")]
-    if not shown:
-        raise StatementError("there is nothing to plot: no run of the race reached its end with a finite error.")
-    groups = {name: [entry for entry in shown if entry.method == name] for name in race.methods}
-    drawn = {name: entries for name, entries in groups.items() if entries}
-    columns = -(-len(drawn) // _ROWS)
-    figure = new_figure(figsize=(6.6 + 2.2 * columns, 5.8), layout="constrained")
-    axis = figure.add_subplot()
-    axis.set_xscale("log")
-    axis.set_yscale("log")
-    for (name, entries), line_style in zip(drawn.items(), line_styles(len(drawn), look), strict=True):
-        _draw(axis, f"{name}\n{_settings(entries)}" if columns == 1 else name, entries, line_style, look)
-    _mark_limits(axis, race, look)
-    start, end = race.span
-    dress(axis, look)
-    axis.set_title(f"{race.system}, t = {start:g} to {end:g}", loc="left", fontsize=11, color=look.ink)
-    unit = "in parts of each entry's size" if race.relative else "in the state's units"
-    where = "at the end" if len(race.result.reference.times) == 1 else f"at {len(race.result.reference.times)} times"
-    axis.set_xlabel("time of one run / s")
-    axis.set_ylabel(f"largest error {where}, {unit}")
-    axis.legend(
-        fontsize=8,
-        loc="upper left",
-        bbox_to_anchor=(1.0, 1.0),
-        frameon=False,
-        ncols=columns,
-        labelspacing=0.9 if columns == 1 else 0.5,
-        labelcolor=look.ink,
-        handlelength=3.0,
-    )
-    text = "\n".join(line for sentence in _below(race, shown) for line in textwrap.wrap(sentence, _WIDTH))
-    figure.supxlabel(text, x=0.01, ha="left", fontsize=8, color=look.quiet)
-    return on_paper(figure, look)
-
-
 def _below(race: Race, shown: list[Entry]) -> list[str]:
     """Return the sentences below the figure of a race; `shown` are the runs that the figure shows."""
     failed = len(race) - len(shown)
@@ -282,7 +244,41 @@ class Race:
 
         `style` is "light" or "dark". Raises StatementError for another style, and if no run reached the end.
         """
-        return plot(self, style)
+        look = style_of(style)
+        shown = [entry for entry in self if entry.complete and 0 < entry.error < float("inf")]
+        if not shown:
+            raise StatementError("there is nothing to plot: no run of the race reached its end with a finite error.")
+        groups = {name: [entry for entry in shown if entry.method == name] for name in self.methods}
+        drawn = {name: entries for name, entries in groups.items() if entries}
+        columns = -(-len(drawn) // _ROWS)
+        figure = new_figure(figsize=(6.6 + 2.2 * columns, 5.8), layout="constrained")
+        axis = figure.add_subplot()
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        for (name, entries), line_style in zip(drawn.items(), line_styles(len(drawn), look), strict=True):
+            _draw(axis, f"{name}\n{_settings(entries)}" if columns == 1 else name, entries, line_style, look)
+        _mark_limits(axis, self, look)
+        start, end = self.span
+        dress(axis, look)
+        axis.set_title(f"{self.system}, t = {start:g} to {end:g}", loc="left", fontsize=11, color=look.ink)
+        unit = "in parts of each entry's size" if self.relative else "in the state's units"
+        count = len(self.result.reference.times)
+        where = "at the end" if count == 1 else f"at {count} times"
+        axis.set_xlabel("time of one run / s")
+        axis.set_ylabel(f"largest error {where}, {unit}")
+        axis.legend(
+            fontsize=8,
+            loc="upper left",
+            bbox_to_anchor=(1.0, 1.0),
+            frameon=False,
+            ncols=columns,
+            labelspacing=0.9 if columns == 1 else 0.5,
+            labelcolor=look.ink,
+            handlelength=3.0,
+        )
+        text = "\n".join(line for sentence in _below(self, shown) for line in textwrap.wrap(sentence, _WIDTH))
+        figure.supxlabel(text, x=0.01, ha="left", fontsize=8, color=look.quiet)
+        return on_paper(figure, look)
 
     def __repr__(self) -> str:
         table = text_table(_HEADINGS, [_cells(entry) for entry in self], right=range(2, 6))
