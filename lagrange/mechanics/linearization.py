@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from types import MappingProxyType
 from typing import Any
 
@@ -18,7 +18,16 @@ from lagrange.errors import FAULT, RunError, StatementError, formula, listing
 from lagrange.evidence.formula_comparison import agrees, compared
 from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.expansion import INPUT_REMEDY, StatedPoint, edges, stated_point, with_inputs_as_parameters
-from lagrange.mechanics.plain_form import Shortener, in_decimals, is_zero, numeric, simplest, size, vanishes_in_symbols
+from lagrange.mechanics.plain_form import (
+    Shortener,
+    in_decimals,
+    is_zero,
+    numeric,
+    random_values,
+    simplest,
+    size,
+    vanishes_in_symbols,
+)
 from lagrange.mechanics.small_changes import SmallChanges, small_changes
 from lagrange.statement.coordinate import t
 from lagrange.statement.display import ShownAsPage, announced
@@ -221,10 +230,7 @@ def has_inertia(lin: Linearization) -> bool:
     """Return True if the mass matrix M is regular; long formulas are tested at `SAMPLES` random values of symbols."""
     if not has_long_formulas(lin):
         return not is_zero(lin.M.det(method="berkowitz"))
-    draw = random.Random(7)
-    symbols = sorted(lin.M.free_symbols, key=str)
-    samples = [{x: sympy.Rational(draw.randrange(64, 256), 128) for x in symbols} for _ in range(SAMPLES)]
-    masses = [numeric(lin.M, sample) for sample in samples]
+    masses = (numeric(lin.M, sample) for sample in islice(random_values(lin.M.free_symbols), SAMPLES))
     return any(np.isfinite(mass).all() and np.linalg.matrix_rank(mass) == len(mass) for mass in masses)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice, pairwise
@@ -174,10 +174,14 @@ def vanishes(form: PlainForm, expression: Any, kinds: Sequence[SampleKind] = ALL
 
 def vanishes_in_symbols(expression: Any) -> bool:
     """Return True if an expression is zero at random values of its symbols; False if it cannot be evaluated."""
-    draw = random.Random(7)
-    symbols = sorted(expression.free_symbols, key=str)
-    values = ({x: sympy.Rational(draw.randrange(64, 256), 128) for x in symbols} for _ in range(MOST_DRAWS))
+    values = random_values(expression.free_symbols)
     return expression == 0 or bool(holds(values, lambda numbers: _is_rounding(expression, numbers), STATES))
+
+
+def random_values(symbols: Iterable[Any]) -> Iterator[dict[Any, Any]]:
+    """Yield `MOST_DRAWS` tables {symbol: random fraction from 1/2 to 2}, the same ones in each call."""
+    draw, ordered = random.Random(7), sorted(symbols, key=str)
+    return ({x: sympy.Rational(draw.randrange(64, 256), 128) for x in ordered} for _ in range(MOST_DRAWS))
 
 
 def _is_rounding(expression: Any, values: Mapping[Any, Any]) -> bool | None:
