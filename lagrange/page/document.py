@@ -24,7 +24,7 @@ from lagrange.show.figures.style import DARK, LIGHT, NAMED_POINTS, FigureStyle, 
 from lagrange.show.notation.text import UnicodeNotation, plain_text
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import Statement, corners, energy_unit, length_unit, unit_of
-from lagrange.trajectory.measures.times_and_points import fixed_points
+from lagrange.trajectory.measures.times_and_points import moving_points
 
 TARGET = "javascript"
 
@@ -139,12 +139,6 @@ def _points(statement: Statement) -> dict[str, Any]:
         "drawn": len(statement.drawn),
         "surfaces": [[first, size] for first, size in zip(firsts, sizes, strict=False)],
     }
-
-
-def moving_points(statement: Statement) -> list[str]:
-    """Return the names of the points that are neither fixed nor corners of shapes; each has a colour."""
-    fixed, hidden = fixed_points(statement), corners(statement.links)
-    return [name for name in statement.positions if not fixed[name] and name not in hidden]
 
 
 def rate_of(t_end: float) -> float:

@@ -23,7 +23,7 @@ from lagrange.show.figures.run_figure import labels_of
 from lagrange.show.figures.style import DARK, LIGHT, STYLES, line_styles, new_figure
 from lagrange.show.files.picture import MOST_BYTES, bounded_png
 from lagrange.statement.statement import EDGE, corners
-from lagrange.trajectory.measures.times_and_points import fixed_points, points_at
+from lagrange.trajectory.measures.times_and_points import moving_points, points_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import SCENE_NAMES
@@ -67,8 +67,8 @@ def curves_are_exact(run: Solution) -> None:
     late = fine[fine >= drawn_from]
     view = common_view((run,))
     assert view is not None
-    fixed = fixed_points(run.model.statement)
-    exact = [view.of(points) for name, points in named_points(run, late).items() if not fixed[name]]
+    moving = moving_points(run.model.statement)
+    exact = [view.of(points) for name, points in named_points(run, late).items() if name in moving]
     where = np.concatenate([seen(path, points) for points in exact], axis=1)
     assert (
         farthest(where[:, :: max(1, where.shape[1] // 200_000)], [seen(path, line.get_xydata().T) for line in lines])

@@ -32,7 +32,7 @@ from lagrange.show.figures.style import (
 from lagrange.show.notation.text import plain_text
 from lagrange.statement.expression import real_number, whole_number
 from lagrange.statement.statement import EDGE, SPRING, corners, energy_unit, length_unit, unit_of
-from lagrange.trajectory.measures.times_and_points import fixed_points
+from lagrange.trajectory.measures.times_and_points import moving_points
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
@@ -311,11 +311,11 @@ class MovingScene:
         self.view = view_of(points)
         self.names = [*points]
         self.seen = np.stack([self.view.of(point) for point in points.values()])
-        fixed, hidden = fixed_points(statement), corners(statement.links)
         self.surfaces = [[self.names.index(name) for name in line] for line in statement.outlines.values()]
-        hidden = hidden.union(*statement.outlines.values())
-        self.fixed = [k for k, name in enumerate(self.names) if fixed[name] and name not in hidden]
-        self.moving = [k for k, name in enumerate(self.names) if not fixed[name] and name not in hidden]
+        self.moving = [self.names.index(name) for name in moving_points(statement)]
+        hidden = corners(statement.links).union(*statement.outlines.values())
+        shown = [k for k, name in enumerate(self.names) if name not in hidden]
+        self.fixed = [k for k in shown if k not in self.moving]
         self.colours, self.part = point_look(len(self.moving), style.colours)
         self.named = 1 < len(self.moving) <= NAMED_POINTS
         self.box = self.shadows = None

@@ -35,7 +35,7 @@ from lagrange.show.figures.style import (
 )
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import EDGE, SPRING, Link, corners, length_unit
-from lagrange.trajectory.measures.times_and_points import fixed_points, points_at
+from lagrange.trajectory.measures.times_and_points import moving_points, points_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -265,7 +265,7 @@ class Paths:
     - `points` (p, 2, K) are the projected positions at the times `times` (K,).
     - `space` are the same positions before projection, (p, 2, K) or (p, 3, K).
     - `starts` are their projected initial positions, (p, 2).
-    - `fixed` has True for each point that depends neither on coordinates nor on time.
+    - `moving` are the names of the points with a path.
     - `surfaces` has the names of the points along each surface.
     - `late` is true if the paths are only the last part of a long run.
     - `view` is the projection, and `links` are the rods, springs and edges between points.
@@ -277,7 +277,7 @@ class Paths:
     starts: FloatArray
     late: bool
     names: tuple[str, ...]
-    fixed: tuple[bool, ...]
+    moving: tuple[str, ...]
     view: View
     links: tuple[Link, ...]
     surfaces: tuple[tuple[str, ...], ...]
@@ -346,7 +346,6 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
     if not outputs_alone(solution.trajectory):
         drawn = in_plane(seen_with_shadows, _last_part(first, seen(first)), pixels)[0]
     space = np.array(placed(drawn))
-    fixed = fixed_points(solution.model.statement)
     return Paths(
         times=drawn,
         points=np.array([view.of(point) for point in space]),
@@ -354,7 +353,7 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
         starts=seen(solution.t[:1])[:, :, 0],
         late=bool(drawn[0] != first[0]),
         names=names,
-        fixed=tuple(fixed[name] for name in names),
+        moving=tuple(moving_points(solution.model.statement)),
         view=view,
         links=solution.model.statement.links,
         surfaces=tuple(map(tuple, solution.model.statement.outlines.values())),
@@ -442,11 +441,9 @@ class PathPanel:
 
     def _shades(self, run: Paths, index: int, style: FigureStyle) -> dict[str, str]:
         """Return {point: colour} of the moving points of run number `index`; a lone point has the run's colour."""
-        hidden = corners(run.links)
-        moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed and name not in hidden]
-        if len(moving) == 1 and len(self.solutions) > 1:
-            return {moving[0]: colours(len(self.solutions), style.colours)[index]}
-        return dict(zip(moving, point_look(len(moving), style.colours)[0], strict=True))
+        if len(run.moving) == 1 and len(self.solutions) > 1:
+            return {run.moving[0]: colours(len(self.solutions), style.colours)[index]}
+        return dict(zip(run.moving, point_look(len(run.moving), style.colours)[0], strict=True))
 
     def _frame(self, axis: Axes, runs: list[Paths], bounds: FloatArray) -> None:
         """Set the limits of the panel, with a margin around all points of the paths `runs`.
@@ -476,7 +473,7 @@ class PathPanel:
 
 
 def _title(paths: Paths, shape: str) -> str:
-    if corners(paths.links).issuperset(n for n, fixed in zip(paths.names, paths.fixed, strict=True) if not fixed):
+    if not paths.moving:
         return f"at t = {paths.times[-1]:.4g}"
     begun = f"from t = {paths.times[0]:.4g}"
     begun = (f"\n{begun}" if shape == "column" else f" {begun} on") * paths.late
@@ -502,7 +499,7 @@ def _draw_run(
     for k, name in enumerate(paths.names):
         if name in hidden:
             continue
-        if paths.fixed[k]:
+        if name not in paths.moving:
             marker = "s" if any(name in link[:2] for link in paths.links) else "P"
             shown = "_nolegend_" if name == ORIGIN or index else name
             axis.plot(*paths.of(name)[:, -1], marker, color=style.ink, ms=4.5, zorder=5, label=shown, linestyle="none")

@@ -16,7 +16,7 @@ from lagrange.machine.parameter_arrays import Parameters
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.expression import positive_number, real_array
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import Statement, corners
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 _CLIPPED = 1e-12
@@ -101,13 +101,11 @@ def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters
     return points
 
 
-def fixed_points(statement: Statement) -> dict[str, bool]:
-    """Return a dict from the name of each point, and of the origin, to True if the point never moves, else False.
-
-    The value is also True for points along surfaces, since no paths are drawn for them.
-    """
-    fixed = {
-        name: not any(part.atoms(AppliedUndef) or part.has(time) for part in parts)
+def moving_points(statement: Statement) -> list[str]:
+    """Return the names of the points that pictures show with a path: neither fixed nor corners of shapes."""
+    hidden = corners(statement.links)
+    moving = {
+        name: any(part.atoms(AppliedUndef) or part.has(time) for part in parts)
         for name, parts in statement.positions.items()
     }
-    return {**dict.fromkeys(statement.drawn, True), **fixed, ORIGIN: True}
+    return [name for name, moves in moving.items() if moves and name not in hidden]
