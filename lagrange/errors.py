@@ -172,6 +172,11 @@ def abridged(names: Iterable[str], most: int = 8) -> str:
     return ", ".join(words) if left <= 1 else f"{', '.join(words[:most])} and {left} others"
 
 
+def capitalized(text: str) -> str:
+    """Return a text with its first letter in upper case, for the start of a sentence."""
+    return text[0].upper() + text[1:]
+
+
 def singular(noun: str) -> str:
     """Return a singular noun with its article: "a key", "an invariant"."""
     return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"

@@ -32,7 +32,7 @@ from lagrange.cli.arguments import (
     load_scene,
 )
 from lagrange.cli.interruption import SENTENCE, Signalled, complain, output
-from lagrange.errors import LagrangeError, StatementError
+from lagrange.errors import LagrangeError, StatementError, capitalized
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notation.text import plain_text
 from lagrange.statement.display import ABOVE, DETAILS, FORMATS, columns_of_output, fitted, text_table
@@ -161,7 +161,7 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"lagrange {lg.__version__}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, (place, summary) in COMMANDS.items():
-        about = f"{summary[0].upper()}{summary[1:]}."
+        about = f"{capitalized(summary)}."
         command = commands.add_parser(name, help=summary, description=about, allow_abbrev=False, formatter_class=Help)
         command.set_defaults(parser=command)
         command.add_options = partial(_add_options, place, name)

@@ -15,7 +15,7 @@ import numpy as np
 import sympy
 
 from lagrange.equations.derivation import Derivation, derive
-from lagrange.errors import StatementError, listing
+from lagrange.errors import StatementError, capitalized, listing
 from lagrange.evidence.differences import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
@@ -277,8 +277,7 @@ def _with_remarks(
     if not result.wrong:
         remark = ""
     elif len(short + remark) > LONGEST_MESSAGE:
-        label = reported[0].label
-        short, remark = f"{label[0].upper()}{label[1:]} does not hold: .details names its first wrong term.", ""
+        short, remark = f"{capitalized(reported[0].label)} does not hold: .details names its first wrong term.", ""
     return replace(result, message=short + remark, details=f"{result.message} {result.details}".strip(), read=read)
 
 
@@ -302,7 +301,7 @@ def _likeliest(equation: StudentEquation, statement: Statement, samples: Sequenc
         moving = [*list(statement.plain.values())[1::3], *row.slopes]
         if {constraint.holonomic for constraint in statement.constraints} == {False} and not row.zero.has(*moving):
             # The constraint x' = R phi' may be answered as x = R phi, which is right up to a constant.
-            note = f"{row.equation.label[0].upper()}{row.equation.label[1:]} is right up to a constant."
+            note = f"{capitalized(row.equation.label)} is right up to a constant."
             zero = time_derivative(row.zero, statement.plain)
             rate = row_of(replace(row.equation, zero=zero, right=sympy.S.Zero, note=note), statement)
             if zero != 0 and rate.holds(samples):
@@ -366,7 +365,7 @@ def _judged_wrong(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> Equ
     named = start + term.sentence
     if len(wrong) > 1:
         others = listing(rows[i].equation.label for i in wrong[1:])
-        named += f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
+        named += f" {capitalized(others)} {'is' if len(wrong) == 2 else 'are'} wrong, too."
     definition = (
         "" if common or (alone and term.shorter) else wrong_definition(rows, choices[0], case.write, alone=alone)
     )
@@ -475,7 +474,7 @@ def _blamed(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> tuple[tup
         if len(wrong) != fewest:
             continue
         row = case.rows[wrong[0]]
-        term = WrongTerm(f"{row.equation.label[0].upper()}{row.equation.label[1:]} does not hold. {UNNAMED}")
+        term = WrongTerm(f"{capitalized(row.equation.label)} does not hold. {UNNAMED}")
         with suppress(BudgetSpent):
             check_size(*row.sides)
             term = wrong_term(row, case.derivation, chosen, case.write)

@@ -16,7 +16,7 @@ from typing import Any
 
 import sympy
 
-from lagrange.errors import StatementError, counted, listing
+from lagrange.errors import StatementError, capitalized, counted, listing
 from lagrange.evidence.differences import solve_dense
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.expansion import small
@@ -287,8 +287,7 @@ def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> Stu
     if digits < FEWEST_DIGITS:
         advice = f"give at least {FEWEST_DIGITS}, or the exact number."
         return replace(equation, note=f"To {counted(digits, 'digit')} {note}: {advice}")
-    label = f"{equation.label[0].upper()}{equation.label[1:]}"
-    return replace(corrected, note=f"{label} is right to {digits} digits: {note}.")
+    return replace(corrected, note=f"{capitalized(equation.label)} is right to {digits} digits: {note}.")
 
 
 TINY = 1e-300

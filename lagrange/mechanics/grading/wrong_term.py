@@ -14,7 +14,7 @@ from typing import Any
 import sympy
 
 from lagrange.equations.derivation import Derivation
-from lagrange.errors import StatementError, listing
+from lagrange.errors import StatementError, capitalized, listing
 from lagrange.evidence.differences import solve_dense
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample
@@ -55,7 +55,7 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     Raises BudgetSpent if the time is up.
     """
     check_budget()
-    label = f"{row.equation.label[0].upper()}{row.equation.label[1:]}"
+    label = capitalized(row.equation.label)
     if not row.zero.free_symbols:
         return WrongTerm(f"{label} does not hold, and contains no symbol of this system.")
     constraints = row.statement.constraints
