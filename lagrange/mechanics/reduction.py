@@ -344,7 +344,7 @@ def _substituted(statement: Statement, name: str, constraint: Constraint, solved
     left = [(q, plain[q]) for q in statement.coordinates if q != gone]
     smooth = differentiable(solved)
     slopes = {q: smooth.diff(symbol) for q, symbol in left}
-    rate = time_derivative(differentiable(solved), statement.plain)
+    rate = time_derivative(smooth, plain)
 
     def back(expr: Any) -> Any:
         return printable(expr).xreplace(stated)

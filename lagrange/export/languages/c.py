@@ -237,11 +237,6 @@ def comment(text: str) -> list[str]:
     return [*lines[:-1], f"{lines[-1]} */"]
 
 
-def function(procedure: Procedure, c_names: CNames, *, hidden: bool = False) -> str:
-    """Return a procedure as a C function, static if `hidden`; add operations that need definitions to `c_names`."""
-    return _CPrinter(procedure, c_names, hidden=hidden).function()
-
-
 class _CPrinter(BracedPrinter):
     """Prints a procedure as a C function; `c_names` are the names of the module, and a `hidden` function is static."""
 
@@ -418,7 +413,8 @@ def statement_comment(module: SourceModule) -> list[str]:
 def source(module: SourceModule) -> str:
     """Return the text of the C source file."""
     c_names, public = CNames(f"{module.name}_"), dict.fromkeys(module.public)
-    functions = [function(procedure, c_names, hidden=procedure not in public) for procedure in module.procedures]
+    printers = (_CPrinter(procedure, c_names, hidden=procedure not in public) for procedure in module.procedures)
+    functions = [printer.function() for printer in printers]
     # C has no empty arrays: without parameters there is one number.
     values = numbers(module.values) or "0.0"
     lines = [
