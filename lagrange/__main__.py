@@ -20,8 +20,7 @@ except KeyboardInterrupt:
 def main() -> int:
     """Run the command line and return its exit code, or 128 + the number of the signal that ended it.
 
-    After a signal every exception counts as an interruption, because libraries may replace KeyboardInterrupt by another
-    exception.
+    After a signal every exception counts as an interruption: libraries may replace KeyboardInterrupt by another.
     """
     interruption, code = Interruption(), 0
     try:

@@ -50,8 +50,7 @@ class Help(argparse.HelpFormatter):
 class CommandParser(argparse.ArgumentParser):
     """A parser whose error messages suggest the nearest known word, and fit the width of the terminal.
 
-    `add_options` adds the arguments of a command only when this command is parsed, so that the modules of other
-    commands are not loaded.
+    `add_options` adds a command's arguments when it is parsed, so that modules of other commands are not loaded.
     """
 
     add_options: Callable[[CommandParser], None] | None = None

@@ -22,10 +22,9 @@ UNWRITTEN, UNREAD = 1, 141
 
 
 def output(text: str, code: int) -> int:
-    """Print a text to standard output and return the exit code.
+    """Print a text and return the exit code: `code`, or if that is 0 and writing fails `UNWRITTEN`.
 
-    The exit code is `code`. If `code` is 0 and writing fails, it is `UNWRITTEN`, or `UNREAD` for a broken pipe. A
-    broken pipe is not reported.
+    For a broken pipe, which is not reported, it is `UNREAD`.
     """
     try:
         if sys.stdout is None:

@@ -205,8 +205,7 @@ def ensemble(request: argparse.Namespace) -> Answer:
 def _target(request: argparse.Namespace) -> Path | None:
     """Return the path of the file or folder that --out names, or None without --out.
 
-    Raises StatementError for an unknown suffix, and for a file that cannot be written. The check is made before the
-    runs, which may take long.
+    Raises StatementError for an unknown suffix or an unwritable file before the runs, which may take long.
     """
     if request.out is None:
         return None

@@ -60,10 +60,9 @@ MAIN_RTOL = 1e-12  # Relative tolerance of `main`, unless that of the scene is t
 
 @dataclass(frozen=True)
 class ExportContents:
-    """The contents of an export: names of quantities, and pairs of the name of a method and its step program.
+    """The contents of an export: names of `quantities`, and for `methods` pairs (name, step program).
 
-    `main` is True if a program or model that runs from the initial state is exported. `taylor` is True if the Taylor
-    integrator is exported.
+    `main` is True for a program or model that runs from the initial state, `taylor` for the Taylor integrator.
     """
 
     quantities: tuple[str, ...]
@@ -115,8 +114,7 @@ def _refuse(
 ) -> None:
     """Raise StatementError for contents that the system or the target does not have.
 
-    `names` are the requested contents, `methods` are the requested or necessary integration methods, and `events` are
-    the events to export.
+    `names` are requested contents, `methods` the methods that they need, `events` the events to export.
     """
     known = [*QUANTITIES, STEP, MAIN, TAYLOR]
     for name in methods:
@@ -162,8 +160,7 @@ def _refuse(
 def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -> None:
     """Raise StatementError if an input, a known function of time without a formula, has no value in `parameters`.
 
-    An exported run needs the values, because inputs are constant during the run. The derivatives of an input need no
-    values, because they are zero.
+    Inputs are constant during an exported run, so their derivatives are zero and need no values.
     """
     if isinstance(parameters, np.ndarray):  # it has all values
         return

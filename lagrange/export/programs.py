@@ -122,10 +122,9 @@ def marked(mark: str) -> Callable[[str], Sequence[str]]:
 
 
 def test_text(module: SourceModule, script: Script, **extra_fields: object) -> str:
-    """Return the text of the self-test, a program that compares results of the exported functions with expected ones.
+    """Return the text of the self-test, which compares results of exported functions with multiple precision.
 
-    The expected results of quantities were computed in multiple precision. `extra_fields` are values for further
-    fields of the templates of `script`.
+    `extra_fields` are values for further fields of the templates of `script`.
     """
     fields = {**fields_of(module), **extra_fields}
     text = ["\n".join([*script.comment(f"Self-test of {module.name}. {TEST} Exit status 0 if all are right."), "", ""])]

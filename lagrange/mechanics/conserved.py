@@ -97,8 +97,7 @@ class Conserved(ShownAsPage):
 def conserved_quantities(model: Model) -> list[Conserved]:
     """Return the conserved quantities of a system that are proven; others may exist.
 
-    Each proven quantity is tested against the compiled model. Raises RunError if a quantity changes along the motion,
-    which is a fault of this library.
+    Each is tested against the compiled model. Raises RunError if one changes, which is a fault of this library.
     """
     if "conserved" not in model.prepared:
         quantities = list(_proven_quantities(model))
@@ -191,10 +190,9 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
 
 
 def _proven(equation: SymmetryEquation, candidate: Symmetry, *, complete: bool = True) -> Symmetry | None:
-    """Return `candidate` if it is proven to be a symmetry, else None.
+    """Return `candidate` if it is proven to be a symmetry; None if there is no proof, or if the proof would be long.
 
-    The result is also None if the proof would be too long. If `complete` is true, a gauge function F(q, t) is added to
-    the candidate where the symmetry needs it.
+    If `complete` is true, the candidate gets the gauge function F(q, t) that it needs.
     """
     try:
         with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):
@@ -211,8 +209,7 @@ LONGEST_SHOWN = 200  # Largest number of characters of a quantity in a message
 def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
     """Return the conserved quantity p . xi - tau E - F of a symmetry, stated by its generator {q: xi, t: tau}.
 
-    p are the momenta, E is the energy, and F the gauge function. Raises StatementError if the generator is not a
-    symmetry of the system.
+    p are the momenta, E is the energy, F the gauge function. Raises StatementError for any other generator.
     """
     statement = model.statement
     shift = _checked_generator(statement, generator)

@@ -89,8 +89,7 @@ class Equilibrium(ShownAsPage):
 def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
     """Return the equilibria of a statement at rest, or at steady `rates` of ignorable coordinates or of a rotation.
 
-    Equilibria that exist at the values of the parameters come first, then the others; each group is sorted by energy.
-    Raises StatementError if none is found.
+    Existing equilibria come first; each group is sorted by energy. Raises StatementError if none is found.
     """
     if statement.rotations and isinstance(rates, Mapping):
         others, turning = split_rates(rates, statement.coordinates, "rates")
@@ -279,8 +278,7 @@ class _Problem:
     def record(self, values: Mapping[Any, Any], *, exact: bool, axial: bool = False) -> Equilibrium:
         """Return the `Equilibrium` for one solution {symbol: value}; `exact` is true for a symbolic solution.
 
-        `axial` is true if the system is symmetric about the equilibrium in the plane of its two non-ignorable
-        coordinates.
+        `axial` is true if the system is symmetric about it in the plane of its two non-ignorable coordinates.
         """
         statement, form = self.statement, self.form
         coordinates = {
@@ -329,10 +327,9 @@ class _Problem:
         return simplest(value - 2 * sympy.pi * math.ceil(round(angle.real / (2 * math.pi), 12) - 0.5))
 
     def check(self, values: Mapping[Any, Any], known: Mapping[Any, Any], *, exists: bool) -> None:
-        """Evaluate the forces at the solution `values`, with the numbers `known` for the parameters.
+        """Raise RunError if a force at the solution `values` exceeds its rounding error, a fault of this library.
 
-        Raises RunError if a force exceeds its rounding error, which is a fault of this library. Tests nothing if
-        `exists` is false: then the solution is not real for these numbers.
+        `known` are the numbers of the parameters. If `exists` is false, the solution is not real and is not tested.
         """
         if not exists or not all(m in values for m in self.multipliers):
             return  # the search has already tested numerical solutions

@@ -58,8 +58,7 @@ BALANCED_FORCE = 1e-8  # Largest residual force at an equilibrium in decimals, r
 class StatedPoint:
     """The point about which a system is expanded or linearised, in expressions of parameters.
 
-    `q` and `v` are the values of the n coordinates and the n velocities. `inputs` maps each input to its value. `form`
-    is the statement in plain symbols.
+    `q`, `v` and `inputs` are the values of coordinates, velocities and inputs; `form` is the plain statement.
     """
 
     form: PlainForm
@@ -162,8 +161,7 @@ class StatedPoint:
     def is_zero(self, expr: Any, scale: Any) -> bool:
         """Return True if an expression is zero at the point.
 
-        A decimal counts as zero up to 1e-8, relative to the largest number among the expressions `scale`, or to 1 if
-        that is larger.
+        A decimal counts as zero up to 1e-8 times the largest number among the expressions `scale` and 1.
         """
         if not self.decimal or expr.free_symbols:
             return vanishes(self.form, expr)
@@ -320,10 +318,9 @@ class _StatementExpansion:
         return replace(expansion, positions=stated.positions, about=about)
 
     def expanded(self, stated: Any, what: str, order: int) -> Any:
-        """Return the Taylor polynomial of an expression about the point, up to degree `order`.
+        """Return the Taylor polynomial of an expression up to degree `order` in deviations from the point.
 
-        Its variables are the deviations of coordinates and velocities from the point. `what` names the expression in
-        errors.
+        The deviations are those of coordinates and velocities. `what` names the expression in errors.
         """
         plain = self.form.read(stated)
         self.check_smooth(plain, what)

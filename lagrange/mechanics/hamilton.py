@@ -71,10 +71,9 @@ def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
 
 
 def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
-    """Return the adjugate and the determinant of a block of the mass matrix.
+    """Return the adjugate and the determinant of a block of the mass matrix; `block` are indices of its rows.
 
-    `block` lists the indices of the rows and columns of the block. Raises StatementError if the block is singular or
-    too large.
+    Raises StatementError if the block is singular or too large.
     """
     if len(block) > LARGEST_COUPLED_BLOCK:
         names = listing(form.statement.names[i] for i in block)
@@ -103,10 +102,9 @@ def _inverted(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> 
 
 
 def half_square(mass: Any, inverted: tuple[Any, Any], column: Any) -> Any:
-    """Return c M^-1 c/2 for a `column` c and a `mass` matrix M, in its shortest form.
+    """Return c M^-1 c/2 for a `column` c and a `mass` matrix M, as one fraction or a shorter sum of squares.
 
-    The form is one fraction, or a sum of squares if the sum is shorter, as for a top. `inverted` are the adjugate and
-    the determinant of M.
+    `inverted` are the adjugate and the determinant of M.
     """
     adjugate, determinant = inverted
     above, below = sympy.fraction(simplest((column.T * adjugate * column)[0] / (2 * determinant)))
@@ -304,10 +302,9 @@ class Hamiltonian(ShownAsPage):
 
 
 def hamiltonian(statement: Statement, model: Model, system_of: Callable[[Statement], Any]) -> Hamiltonian:
-    """Return Hamilton's form of a statement, tested against its compiled `model`.
+    """Return Hamilton's form of a statement, tested against its `model`; `system_of` returns a statement's System.
 
-    `system_of` returns the System of a statement. Raises StatementError for constraints and rotations, and if the
-    momenta do not determine the velocities.
+    Raises StatementError for constraints, rotations, and momenta that do not determine the velocities.
     """
     if statement.constraints:
         raise StatementError(
@@ -330,10 +327,9 @@ def hamiltonian(statement: Statement, model: Model, system_of: Callable[[Stateme
 def _record(
     form: PlainForm, momenta: list[Any], legendre: Legendre, system_of: Callable[[Statement], Any]
 ) -> Hamiltonian:
-    """Return the `Hamiltonian` of a Legendre transform, with a statement in coordinates and momenta.
+    """Return the `Hamiltonian` of a Legendre transform; `system_of` returns the System of a statement.
 
-    `momenta` are functions of time p_q, in place of the symbols in `legendre`. `system_of` returns the System of a
-    statement.
+    `momenta` are functions of time p_q, in place of the symbols in `legendre`.
     """
     statement = form.statement
     back = dict(zip(legendre.symbols, momenta, strict=True))

@@ -193,8 +193,7 @@ def _is_rounding(expression: Any, values: Mapping[Any, Any]) -> bool | None:
 def size_of_terms(expression: Any, values: Mapping[Any, Any]) -> float:
     """Return the magnitude of the terms of an expression, to which its rounding error is proportional.
 
-    Each sum in the expression is replaced by the sum of magnitudes: in (x - y) z the two terms of the first factor may
-    cancel.
+    Each sum becomes a sum of magnitudes: in (x - y) z the terms of the first factor may cancel.
     """
     if expression.is_Add:
         return sum(size_of_terms(term, values) for term in expression.args)
@@ -211,8 +210,7 @@ MOST_NODES = 15_000  # Largest number of nodes, in all expression trees, that on
 class Shortener:
     """Computes short forms of expressions, up to a limit on their total size.
 
-    `what` names the expressions in the error message beyond the limit. `vanishes` returns True for an expression that
-    is identically zero.
+    `what` names them in the error message. `vanishes` returns True for an expression that is identically zero.
     """
 
     def __init__(self, what: str, vanishes: Callable[[Any], bool]) -> None:

@@ -75,8 +75,7 @@ def rewritten(
 def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
     """Return the form of a statement that describes its rotations by small turns of the bodies about their own axes.
 
-    This form is `statement.reading`. If it is None, or if a quaternion is not among the new `coordinates`, the
-    statement itself is returned.
+    It is `statement.reading`, or the statement itself without it or without a quaternion in `coordinates`.
     """
     kept = all(q in coordinates for name in statement.rotations for q in rotation_of(name).quaternion)
     return statement.reading if statement.reading is not None and kept else statement
@@ -243,8 +242,7 @@ def _without(statement: Statement, name: str, replacement: Any) -> Statement:
 def _check_initial(statement: Statement, name: str, solved: Any) -> None:
     """Raise StatementError if initial values contradict `solved`, the expression for the coordinate `name`.
 
-    The coordinate and its velocity are compared. Zeros are not, since zero is the default; and nothing is compared if a
-    parameter has no value.
+    Coordinate and velocity are compared, unless they are 0, the default, or a parameter has no value.
     """
     plain, n = statement.plain, len(statement.coordinates)
     state = zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True)

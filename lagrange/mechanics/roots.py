@@ -119,10 +119,9 @@ def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | No
 
 
 def _linear(factor: Any, present: Sequence[Any]) -> list[tuple[Any, Any]] | None:
-    """Return [(unknown, value)] for a factor that is linear in an unknown, or None for any other factor.
+    """Return [(unknown, value)] for a factor that is linear in one of its unknowns `present`, or None for others.
 
-    The coefficient of the unknown must contain no unknowns. A factor sin(a - b) gives two values. `present` are the
-    unknowns in the factor.
+    The coefficient must contain no unknowns. A factor sin(a - b) gives two values.
     """
     for x in present:
         slope = sympy.expand(factor.diff(x))

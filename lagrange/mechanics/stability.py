@@ -128,10 +128,9 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
 
 
 def each_pole_once(points: Sequence[StatedPoint]) -> list[int]:
-    """Return the indices of the points that are kept: all points, but only the first of the points at one pole.
+    """Return the indices of all points, but of several points at one pole only the first.
 
-    Points at one pole differ in a direction without inertia, such as the longitude; near the pole every direction has
-    inertia.
+    Points at one pole differ in a direction without inertia, such as longitude. Near the pole it has inertia.
     """
     indices, poles = list[int](), list[Any]()
     for index, point in enumerate(points):
@@ -436,8 +435,7 @@ def _on_constraints(point: StatedPoint) -> Linearization:
 def _matrix(lin: Linearization | None, model: Model, state: FloatArray, parameters: Any) -> FloatArray | None:
     """Return the matrix of the first-order linear equations at values of the parameters, or None if not finite.
 
-    It is computed from the symbolic linearization `lin`. If `lin` is None, it is the compiled Jacobian at the state
-    (2n,).
+    It follows from the linearization `lin`, or if `lin` is None is the compiled Jacobian at the state (2n,).
     """
     if lin is None:
         return model.jacobian(0.0, state, parameters)

@@ -538,10 +538,9 @@ def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
 
 
 def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name: str) -> FloatArray:
-    """Return the integral of the velocity `speed` from the first of `times` to each of them, (N,).
+    """Return the integral of `speed`, a function of times, from the first of `times` to each of them, (N,).
 
-    All intervals are divided together until the estimated error is below `INTEGRAL_TOLERANCE`. `name` is the coordinate
-    in messages.
+    All intervals are divided together up to an error of `INTEGRAL_TOLERANCE`. `name` is used in messages.
     """
     lengths = np.diff(times)
     if not len(lengths):

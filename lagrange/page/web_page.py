@@ -325,8 +325,7 @@ NO_SLIDERS = "{} does not compute the motion of a system with contacts: {} with 
 def write_recorded_page(run: Callable[[], Solution], path: str | os.PathLike[str], sliders: Any) -> Path:
     """Write the page of a system with contacts, which plays a recorded run, and return its path.
 
-    `run()` runs the system. Raises StatementError unless `sliders` is None, because the page does not compute the
-    motion for other values.
+    `run()` runs the system. Raises StatementError for `sliders`: the page computes no motion for other values.
     """
     if sliders is not None:
         raise StatementError(NO_SLIDERS.format("a page", "leave sliders out, and the page plays a run"))

@@ -67,8 +67,7 @@ Shifted = Mapping[Procedure, frozenset[int]]
 def shifted_parameters(procedures: Sequence[Procedure], always: Shifted) -> Shifted:
     """Return for each procedure the indices of the array parameters for which callers also pass an offset.
 
-    A parameter needs an offset if some call passes a subarray, or if it is in `always`. `procedures` has callees before
-    their callers.
+    These are in `always`, or some call passes a subarray. `procedures` has callees before their callers.
     """
     shifted = {procedure: always.get(procedure, frozenset[int]()) for procedure in procedures}
     for caller in reversed(procedures):
@@ -273,8 +272,7 @@ class JavaScript(Target):
 def source(module: SourceModule) -> str:
     """Return the text of the JavaScript module.
 
-    Functions that are called once per run check the lengths of arrays. The functions of quantities do not, because the
-    checks would take 3% of their time.
+    Functions called once per run check array lengths. Those of quantities do not: checks take 3% of their time.
     """
     quantities = [quantity.procedure for quantity in module.quantities]
     # Users may pass an offset for y and out of each quantity.

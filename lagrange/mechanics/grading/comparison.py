@@ -259,8 +259,7 @@ def _with_remarks(
 ) -> EquationsComparison:
     """Return a result with remarks on how its equations were read, and with their indices in the answer.
 
-    `letters` maps multipliers to the letters that were typed for them. If the message gets too long, it is moved to
-    `.details`.
+    `letters` maps multipliers to the letters typed for them. A long message is moved to `.details`.
     """
     reported = [equations[i] for i in result.wrong] or equations
     remark = "".join(f" {equation.note}" for equation in reported if equation.note)

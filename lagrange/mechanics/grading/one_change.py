@@ -287,10 +287,9 @@ class _Search:
         return POWER * sum(abs(e) for _, e in key) + OF_FACTOR * len(unlikely)
 
     def multiples(self, values: Numbers) -> Iterator[tuple[float, Any, Any]]:
-        """Yield triples (cost, c, product of powers): the rational c times the product equals `values` at all samples.
+        """Yield (cost, c, product of powers) if the rational c times the product equals `values` at all samples.
 
-        `values` has one number for each sample; nothing is yielded if one of them is zero. At most 20 products are
-        tried.
+        `values` has a number for each sample, none of them zero. At most 20 products are tried.
         """
         if not all(values):
             return
@@ -458,8 +457,7 @@ class _Search:
     def has_unlikely_factor(self, row: EquationRow) -> bool:
         """Return True if the equation `row` is a right equation times an unlikely factor, such as 3 m.
 
-        Only the coefficients of accelerations are compared. A factor is likely if it is a product of symbols, without a
-        number other than 1 or -1.
+        Coefficients of accelerations are compared. A product of symbols, times 1 or -1, is a likely factor.
         """
         try:
             slopes = [row.numbers(sample) for sample in self.samples]

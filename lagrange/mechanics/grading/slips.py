@@ -83,10 +83,9 @@ def _all_hold(zeros: Sequence[Any], statement: Statement, *choices: Sequence[Mot
 
 
 def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
-    """Return a sentence if the equations are right after linearization about zero coordinates, else "".
+    """Return a sentence if the equations `zeros` = 0 are right after linearization about zero coordinates, else "".
 
-    The equations are `zeros` = 0. A system with rotations gives "", because the entries of a quaternion cannot all be
-    zero.
+    Systems with rotations give "", because the entries of a quaternion cannot all be zero.
     """
     moving = set(statement.plain.values())
     if statement.rotations or any(

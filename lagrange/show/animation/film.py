@@ -86,10 +86,9 @@ def checked_options(size: Any, trail: Any) -> tuple[tuple[int, int] | None, floa
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """R curves with S samples for one panel over time: `rows` (R, S), with their labels and colours.
+    """R curves with S samples for one panel over time: `rows` (R, S), with labels, colours, and a `title` with unit.
 
-    `title` is the title of the panel, with the unit. A curve is drawn as a level line if its changes are rounding noise
-    relative to `size`.
+    Changes of a curve that are rounding noise relative to `size` are drawn as a level line.
     """
 
     title: str

@@ -300,8 +300,7 @@ class Curves:
 class TimePanel:
     """Panel of one quantity over time, for one or several runs of systems with the same coordinates.
 
-    `quantities` has the quantity for each run. `labels` are the names of the runs in the legend. A `wide` panel is
-    higher and has a larger title.
+    `quantities` has the quantity of each run, `labels` names of runs. A `wide` panel is higher with a large title.
     """
 
     quantities: tuple[PanelQuantity, ...]

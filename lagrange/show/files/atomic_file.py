@@ -42,8 +42,7 @@ def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
 def filled_part(target: Path, write: Writer, mode: int | None) -> Path:
     """Call `write` with a new hidden file in the folder of `target`, and return the path of the hidden file.
 
-    The file has the permissions `mode`, None for the default, and is synced to the disk. If `write` raises an
-    exception, the file is removed.
+    It has the permissions `mode` (None: default), and is synced to the disk. After an error it is removed.
     """
     part = target.with_name(f".{target.name[:32]}.{os.urandom(8).hex()}.part")
     try:
@@ -161,8 +160,7 @@ def write_together(folder: str | os.PathLike[str], files: Mapping[str, Writer | 
 def _exchange(home: Path, targets: Mapping[str, Path], parts: Mapping[str, Path]) -> None:
     """Replace the files `targets` by the new files `parts`, both by name; a target without a new file is removed.
 
-    The last target is removed first and replaced last, so that it is missing after an interruption. Errors name the
-    folder `home`.
+    The last target is removed first and replaced last: an interruption leaves it missing. Errors name `home`.
     """
     *_, last = targets
     try:

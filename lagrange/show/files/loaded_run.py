@@ -107,10 +107,9 @@ def loaded_run(path: Any, model_of: Callable[[Statement, str], Model]) -> Soluti
 
 
 def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model) -> Trajectory:
-    """Return the trajectory of a run from the arrays in its file.
+    """Return the trajectory of a run from the arrays in its file; `card` has status, method and counts of steps.
 
-    `card` is a dict with the rest: the status, the method, tolerances and numbers of steps. Raises StatementError
-    where the states do not fit the model.
+    Raises StatementError where the states do not fit the model.
     """
     t, y = arrays["t"], arrays["y"]
     if y.shape != (len(model.layout.names()), len(t)):

@@ -117,8 +117,7 @@ class BookOrder:
     def _last(self, ranks: list[tuple[int, int, int]]) -> int:
         """Return a part of a term's sort key, from the ranks of its symbols in ascending order.
 
-        The value is 2 for a function of time alone, which is printed last. It is 1 for a product with the acceleration
-        of gravity g, and 0 for any other term.
+        It is 2 for a function of time alone, 1 for a product with gravity g, and 0 for any other term.
         """
         if ranks and ranks[-1] == LAST and not any(rank[0] == POSITION for rank in ranks if rank != LAST):
             return 2
@@ -204,8 +203,7 @@ class BookOrder:
     def oriented(self, factor: Any) -> tuple[int, Any]:
         """Return a sign, 1 or -1, and a factor with the signs of textbooks; their product is `factor`.
 
-        SymPy changes cos(a - b) and sin(a - b) to cos(b - a) and -sin(b - a). If the user typed only a - b, this change
-        is undone.
+        SymPy turns cos(a - b) to cos(b - a) and sin(a - b) to -sin(b - a). If the user typed a - b, that is kept.
         """
         if factor.is_Add:
             return (-1, -factor) if self.turned(factor) else (1, factor)

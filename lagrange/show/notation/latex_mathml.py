@@ -54,8 +54,7 @@ class LatexNotation(BookNotation):
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
         r"""Return the symbol of a quantity whose usual `letter`, such as L, is a name in the system.
 
-        A capital letter becomes calligraphic, \mathcal{L}. A small letter is replaced by the upright `word`. `indices`
-        are names below the symbol.
+        It is calligraphic, \mathcal{L}, or the upright `word` for a small letter, with names `indices` below.
         """
         spelled = f"\\mathcal{{{letter}}}" if letter.isupper() else upright(word).replace("\\_", "\\ ")
         return spelled + (f"_{_argument(' '.join(map(self.letter, indices)))}" if indices else "")
@@ -159,8 +158,7 @@ class MathmlNotation(BookNotation):
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
         """Return the symbol in MathML of a quantity whose usual `letter`, such as L, is a name in the system.
 
-        The letter becomes calligraphic. A letter without a calligraphic form is replaced by its `word`. `indices` are
-        names below the symbol.
+        It is calligraphic, or the `word` for other letters, with the names `indices` below.
         """
         shown = (
             chr(0x1D49C + ord(letter) - ord("A"))

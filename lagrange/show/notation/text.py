@@ -326,8 +326,7 @@ class UnicodeNotation(BookNotation):
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
         """Return the symbol of a quantity whose usual `letter`, such as L, is a name in the system.
 
-        The symbol is the calligraphic letter, or the `word` if Unicode lacks that letter. `indices` follow after
-        underscores.
+        It is the calligraphic letter, or the `word` if Unicode lacks the letter, then _ and the names `indices`.
         """
         return "_".join([SCRIPT.get(letter, word), *map(self.letter, indices)])
 
@@ -368,8 +367,7 @@ class UnicodeNotation(BookNotation):
 class PrintedWidth(UnicodeNotation):
     """Notation that measures formulas: its text has the width of the formula on paper, and is not shown to anyone.
 
-    A fraction is replaced by the wider one of numerator and denominator. Factors follow each other without blanks,
-    except before a function.
+    A fraction is its wider part. Factors follow each other without blanks, except before a function.
     """
 
     product_sign, time_derivative = "", "dt {0}"
