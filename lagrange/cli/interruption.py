@@ -72,9 +72,8 @@ _IMPORTING = "<frozen importlib"
 class Signalled(KeyboardInterrupt):
     """Exception: a signal asked the program to end.
 
-    It is a subclass of KeyboardInterrupt, because Python treats a plain KeyboardInterrupt specially. If that ends code
-    that `exec` runs, such as the definition of a named tuple, Python kills the process with SIGINT at its end, even if
-    the exception was caught.
+    A plain KeyboardInterrupt would not do: if it ends code that `exec` runs, as in the definition of a named tuple,
+    Python kills the process with SIGINT at its end, even if the exception was caught.
     """
 
     def __init__(self, number: int) -> None:

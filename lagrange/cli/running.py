@@ -262,9 +262,8 @@ def _drawn(
 ) -> str | None:
     """Return the name of the quantity that the picture of an ensemble shows, or None for the default.
 
-    `out` is the file to write, and `axes` has (low, high, count) of each varied quantity by name. `known` are the
-    names that can be drawn, and `points` is the number of output times, or None. Raises StatementError for options that
-    do not fit each other.
+    `out` is the file, `axes` has (low, high, count) of varied quantities, `known` are names that can be drawn, `points`
+    is the number of output times or None. Raises StatementError for options that do not fit.
     """
     ending = "" if out is None else out.suffix.lower()
     if ending not in PICTURES:

@@ -80,9 +80,8 @@ def contents_of(
 ) -> ExportContents:
     """Return the contents of an export: those that are requested by name, and others that the requested ones need.
 
-    `contents` are the requested names, or None for the default contents. `events` are the events to export, and
-    `parameters` values that replace the stated ones. Raises StatementError for contents that the system or the target
-    does not have.
+    `contents` are the requested names, None for the defaults. `events` are the events to export, `parameters` replace
+    stated values. Raises StatementError for contents that the system or the target does not have.
     """
     requested = [*DEFAULT, *(["events"] if events else [])]
     if contents is not None:
@@ -456,9 +455,8 @@ def export(
 ) -> Exported:
     """Write a model as source files of a target into the folder `path`, which is created if it is missing.
 
-    `contents` are the names of quantities and methods to export, None for the defaults. `events` are the events to
-    export, and `parameters` values that replace the stated ones. After an error, folders that were created are removed.
-    Raises StatementError for an unknown target, and for contents that the system or the target does not have.
+    `contents` are names of quantities and methods, None for the defaults; `parameters` replace stated values. After an
+    error, new folders are removed. Raises StatementError for an unknown target or unavailable contents.
     """
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement, constant="an export")

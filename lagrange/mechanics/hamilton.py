@@ -151,9 +151,8 @@ def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
 def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tuple[list[Any], Any]:
     """Return the velocities of the coordinates `block` as functions of the momenta `symbols`, and H.
 
-    The inertia of these coordinates depends on their velocities. H is None if the method of solution does not give it.
-    If there are several solutions, the one that reproduces velocities of random states is returned. Raises
-    StatementError if none does.
+    Their inertia depends on velocities. H is None if the method does not give it. Of several solutions, the one that
+    reproduces velocities of random states is returned. Raises StatementError if none does.
     """
     candidates = _by_length(form, block, symbols)
     if not candidates and len(block) == 1:

@@ -65,9 +65,8 @@ def simplest(expression: Any) -> Any:
 def rational_below(expression: Any) -> Any:
     """Return an expression without square roots in its denominator.
 
-    A long expression is returned unchanged, and one with roots within roots or functions, as in |sqrt(a) - b|. A root
-    of a base b is replaced by a symbol r with r^2 = b, and the fraction is multiplied by the conjugate of its
-    denominator.
+    A long expression, or one with nested roots as |sqrt(a) - b|, is returned unchanged. A root of b becomes a symbol r
+    with r^2 = b, and the fraction is multiplied by the conjugate of its denominator.
     """
     powers = [x for x in sorted(expression.atoms(sympy.Pow), key=str) if x.exp.is_Rational and x.exp.q == 2]
     roots = {base: sympy.Dummy("r") for base in dict.fromkeys(x.base for x in powers)}

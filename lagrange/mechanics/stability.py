@@ -84,9 +84,8 @@ def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
 def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False) -> Verdict:
     """Return the stability of an equilibrium.
 
-    If all parameters have values, eigenvalues and the energy decide. Else signs that SymPy can prove decide, if the
-    formulas are not too long. `axial` is true if the system is symmetric about the equilibrium in the plane of the two
-    coordinates that are not ignorable.
+    If all parameters have values, eigenvalues and the energy decide, else signs that SymPy can prove. `axial` is true
+    if the system is symmetric about it in the plane of the two coordinates that are not ignorable.
     """
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()

@@ -67,9 +67,8 @@ EXAMPLE = (0.5, 2.0)  # Example of bounds in an error message
 class Slider:
     """A slider for one value of a system, with the bounds `low` and `high`.
 
-    `kind` is `PARAMETER`, `STATE` or `RATE`. `place` is the index of the value among the parameters, in the initial
-    state, or among the rates of rotation of all bodies, three for each body. `chosen` is true if the user chose the
-    slider by name; `angle` is true if the value is in radians.
+    `kind` is `PARAMETER`, `STATE` or `RATE`. `place` is the index in the parameters, the initial state, or the rates of
+    all bodies, three each. `chosen` is true if the user named it, `angle` if the value is in radians.
     """
 
     name: str
@@ -166,9 +165,8 @@ def sliders(
 ) -> tuple[Slider, ...]:
     """Return a slider for each parameter and each entry of the initial state, those in `slider_bounds` first.
 
-    `parameters` and `initial` are the present values. `slider_bounds` maps symbols or names to bounds (low, high). The
-    sliders of a body change its rates of rotation, not its quaternion. Raises StatementError for unknown names, and for
-    bounds that do not contain the present value.
+    `parameters` and `initial` are the present values; `slider_bounds` maps symbols or names to (low, high). Bodies have
+    rates of rotation, not quaternions. Raises StatementError for unknown names, or a value out of bounds.
     """
     statement = model.statement
     bounds, adjustable = chosen_bounds(statement, slider_bounds), places(statement)

@@ -54,9 +54,8 @@ def branch_samples(
 ) -> tuple[list[MotionSample], list[Way]]:
     """Return (samples with new combinations of switch outcomes, outcomes that no sample reaches).
 
-    Switches are the conditions and corners in the statement and in the equations `rows`. `known` are earlier samples,
-    whose combinations are not new. Entries of a state are drawn from all magnitudes, and near the numbers in the
-    equations, energies and forces.
+    Switches are conditions and corners in the statement and in the equations `rows`. `known` are earlier samples.
+    Entries of states have all magnitudes, or are near numbers in the equations, energies and forces.
     """
     states = MotionStates(statement)
     switches = [*states.reference.switches, *(switch for row in rows for switch in row.switches)]
@@ -228,9 +227,8 @@ def compare_equations(
 ) -> EquationsComparison:
     """Return the comparison of a user's equations with the equations of motion of a statement.
 
-    `derivation` has the right equations. `write` turns an expression into text for messages. `distances` are the names
-    of coordinates that are positive in the comparison. Raises StatementError if an equation is not linear in the
-    accelerations.
+    `derivation` has the right equations, `write` returns the text of an expression, and the coordinates named in
+    `distances` are positive. Raises StatementError if an equation is nonlinear in accelerations.
     """
     samples = motion_samples(statement, SAMPLES, positive=distances)
     likeliest = [_likeliest(equation, statement, samples) for equation in equations]
@@ -485,9 +483,8 @@ def _blamed(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> tuple[tup
 def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, doubted: bool) -> str:
     """Return the end of a message on motions that right equations leave undetermined, or on missing constraints, or "".
 
-    An equation without accelerations is replaced by its first or second time derivative. The length of a quaternion
-    needs no equation. Constraints are part of the statement and need not be repeated. They are required only if the
-    answer is `doubted`: if an additional relation in it, such as a wrong constraint, does not hold.
+    An equation without accelerations is differentiated in time first. The length of a quaternion needs no equation.
+    Constraints need not be repeated, unless the answer is `doubted`: an additional relation in it does not hold.
     """
     statement = rows[0].statement
     names = [rotation_name(q) or name_of(q) for q in statement.coordinates]

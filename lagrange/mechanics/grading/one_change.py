@@ -70,9 +70,8 @@ NUMBERED = 0.05  # Added cost of a corrected term with a number
 class Sum:
     """A sum in an equation, the expression `whole`, and its place in the equation.
 
-    `side` is 0 for the left side and 1 for the right side. `path` has the indices of SymPy arguments that lead to the
-    sum. `around` is the product of the factors that multiply the sum. `below` is true if the sum is in a denominator.
-    `terms` are the terms of the sum. Like terms are not combined if they were typed separately.
+    `side` is 0 for the left side, 1 for the right side. `path` has the indices of SymPy arguments to the sum, `around`
+    is the product of its other factors. `below` is true in a denominator. `terms` are its terms as typed.
     """
 
     side: int

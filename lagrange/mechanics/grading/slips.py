@@ -54,8 +54,7 @@ def slip_of(rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample
     """Return a sentence on the single slip whose correction makes all equations right, or "".
 
     Equations are right if they hold at all samples of one of the `choices`. If `common` is true, the slips of `_slips`
-    are tried, such as degrees; else those of `_factors`. The result is also "" if the equations are too long, or the
-    time is up.
+    are tried, else those of `_factors`. The result is also "" for long equations, and if the time is up.
     """
     statement, zeros = rows[0].statement, [row.zero for row in rows]
     if sum(int(zero.count_ops()) for zero in zeros) > LONGEST_SLIP:
@@ -254,9 +253,8 @@ _DECIMAL = re.compile(r"(?<![\w.])[0-9]*\.[0-9]+(?:e[+-]?[0-9]+)?(?!\w)")
 def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> StudentEquation | None:
     """Return an equation with exact numbers in place of decimals, if it then holds at all samples; else None.
 
-    The equation's `note` is a sentence on these numbers. They replace decimals that are rounded from them and have
-    enough digits: 0.667 becomes 2/3. A number that was cut off, such as 0.666, remains. SymPy multiplies the decimals
-    in a product, so the result is assumed to be as precise as the most precise decimal of the equation.
+    Its `note` is a sentence on them. They replace decimals rounded to enough digits: 0.667 becomes 2/3, a cut 0.666
+    stays. SymPy multiplies decimals in a product, so the most precise decimal sets the precision.
     """
     equation = row.equation
     typed = [Decimal(text) for text in _DECIMAL.findall(equation.read)]

@@ -127,9 +127,8 @@ class _EquationReader:
     def reader(self, text: str, what: str = "") -> tuple[TypedReader, dict[Any, Any]]:
         """Return a reader for a text, and {multiplier: symbol of the letter that the text uses for it}.
 
-        For a system with one constraint, the text may use another letter for the multiplier, such as a letter for a
-        force. It is recognised if the unknown names in the text leave only one candidate. `what` is the label of the
-        text in messages.
+        In a system with one constraint the multiplier may be another letter, such as T for a force, if the unknown
+        names in the text leave only one candidate. `what` is the label of the text in messages.
         """
         words = {canonical(word) for word in WORD.findall(text)}
         reader, letters = TypedReader(self.names, self.others), [letter for letter in self.spellings if letter in words]

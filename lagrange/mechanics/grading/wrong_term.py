@@ -129,9 +129,8 @@ def _compared(
 ) -> Iterator[tuple[Any, list[int], list[int]]]:
     """Yield (factor, unmatched, missing) for comparisons of the terms of an equation with a factor times right terms.
 
-    `unmatched` are the indices of entries of `typed` that match no right term. `missing` are the indices of entries of
-    `right` that match no typed term. There is one comparison for each pair of a typed and a right term, whose quotient
-    is the factor.
+    `unmatched` are the indices of `typed` terms that match no right term, `missing` those of `right` terms that match
+    no typed term. The factor is the quotient of a typed and a right term; each pair is tried.
     """
     if len(typed) + len(right) > MOST_MATCHED:
         return
@@ -185,9 +184,8 @@ def _pairs(
 ) -> list[tuple[int, Any, Any]]:
     """Return (side, typed term, right term) for each wrong or missing term of the equation `row`.
 
-    `unmatched` are the wrong terms, as (side, term), and `missing` the missing ones, as terms of the left side. Terms
-    with the most factors in common are paired. A term without a partner is paired with zero. The typed terms keep their
-    order. A right term in the result has the sign of its side.
+    `unmatched` are (side, wrong term), and `missing` the missing terms on the left side. Terms with the most factors in
+    common are paired, others with zero, in the typed order. A right term has the sign of its side.
     """
     partners, alone = dict[int, Any](), list(missing)
     bases = [set(term.as_powers_dict()) for _, term in unmatched]

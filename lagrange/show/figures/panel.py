@@ -71,9 +71,8 @@ Values = Callable[["Solution"], FloatArray]
 class PanelQuantity:
     """A quantity of r rows for one panel over time: `values(run)` returns the rows at the outputs of a run, (r, N).
 
-    `labels` are the labels of the rows, in mathematics or words, and `unit` is their common unit. `name` is the title
-    of the panel; if it is empty, the only label is written beside the panel. `drift` is true if the values are the
-    change of a conserved quantity, which is an error of the method.
+    `labels` of the rows are mathematics or words, `unit` is their common unit. `name` is the title; if empty, the only
+    label is beside the panel. `drift` is true for changes of a conserved quantity, which are errors.
     """
 
     name: str
@@ -379,9 +378,8 @@ class TimePanel:
 def curves(quantity: PanelQuantity, solution: Solution, pixels: Pixels) -> Curves:
     """Return a quantity of a run as lines, exact within a pixel, for a panel of the size `pixels`.
 
-    The drift of a conserved quantity is computed from the dense output. If it changes much more between the ends of
-    steps than at them, this is an error of the dense output and not of the method. Then dots are drawn at the ends of
-    steps, and a note gives the largest drift between them.
+    A drift is computed from the dense output. If it changes much more within steps than at their ends, the dense output
+    is at fault, not the method. Then dots are drawn at the ends, and a note gives the drift between.
     """
     run = solution.trajectory
     window = None if quantity.drift else window_of(solution, lambda t: quantity.values(solution.sampled(t)))

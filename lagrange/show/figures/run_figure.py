@@ -32,11 +32,10 @@ _MOST_PHASES = 9  # Largest number of phase planes in one figure
 
 
 class Contents:
-    """Chooses the panels of a figure of runs.
+    """Chooses the panels of a figure of runs, whose names are `labels`.
 
-    `labels` are the names of the runs. `of` is a coordinate or a list of coordinates, by symbol or name, or None for
-    all. With `merged` all coordinates share one panel, and so do all velocities. Raises StatementError for anything in
-    `of` that is not a coordinate.
+    `of` is a coordinate or a list of them, by symbol or name, or None for all. With `merged` all coordinates share one
+    panel, and so do all velocities. Raises StatementError for anything in `of` that is not a coordinate.
     """
 
     def __init__(self, solutions: Sequence[Solution], labels: Sequence[str], of: Any, *, merged: bool) -> None:

@@ -103,9 +103,8 @@ class BookOrder:
     def term(self, term: Any) -> Key:
         """Return the sort key of a term: accelerations come first, then velocities, then all other terms.
 
-        Among the others, squares and products of coordinates come first, as in x^2 + y^2 - l^2. Constants follow, as in
-        l + x and m1 + m2 sin(theta)^2. Terms with the acceleration of gravity g, then functions of time alone, come
-        last.
+        Of the others, squares and products of coordinates come first, as in x^2 + y^2 - l^2, then constants, as in l +
+        x and m1 + m2 sin(theta)^2. Terms with gravity g, then functions of time alone, come last.
         """
         ranks = self.symbols(term)
         highest = max((rank[0] for rank in ranks), default=PARAMETER)
@@ -175,9 +174,8 @@ class BookOrder:
     def reversible(self, total: Any, term: Any) -> bool:
         """Return True if the minus sign of a term may be moved into its factor `total`: -(m1 - m2)*g is (m2 - m1)*g.
 
-        `total` must be a difference of two masses, or another difference of constants that does not occur in the
-        statement. A stated difference such as R - r is usually positive, and is kept. A term that a user typed is not
-        changed.
+        `total` must be a difference of masses, or of constants that does not occur in the statement: a stated R - r is
+        usually positive and kept. A term that a user typed is not changed.
         """
         if not total.is_Add or len(total.args) != 2 or sum(map(_negative, total.args)) != 1 or self.moves(total):
             return False
