@@ -54,10 +54,8 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "scenes": ("lagrange.cli.program", "list the library of scenes"),
     "new": ("lagrange.cli.program", "write a commented scene file to start from"),
 }
-"""Commands in the order of the help text: the module that has the command, and the line of help.
-
-The module is imported only when the command is parsed.
-"""
+"""Commands in the order of the help text: the module that has the command, and the line of help. The module is imported
+only when the command is parsed."""
 
 WITHOUT_SCENE, WITHOUT_JSON = ("targets", "scenes", "new"), ("derive", "new")
 """Commands without the argument SCENE, and commands without the option --json."""

@@ -161,7 +161,7 @@ def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -
 
     Inputs are constant during an exported run, so their derivatives are zero and need no values.
     """
-    if isinstance(parameters, np.ndarray):  # it has all values
+    if isinstance(parameters, np.ndarray):  # an array has the values of all parameters
         return
     stated = {label_of(key) for key in table_of(parameters, "parameters", "parameter to value")}
     rates = {rate for _, rate in model.statement.inputs}
@@ -397,7 +397,7 @@ def _run(model: Model, parameters: FloatArray) -> ExportedRun:
     return ExportedRun(tuple(start.tolist()), settings.t_end, INTERVALS, rtol)
 
 
-# --- unknowns that a division gives: a zero divisor is tested separately
+# --- divisors in formulas of accelerations, which are tested for zero
 
 
 def divisors(model: Model) -> Program | None:

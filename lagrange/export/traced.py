@@ -34,10 +34,8 @@ SCRIPT = Script("traced", comment=marked("#"), literals=LITERALS)
 
 ELIMINATION = filled("traced", "elimination", pivot=PIVOT, preference=PREFERENCE, largest=sys.float_info.max)
 """Text of Python functions that solve linear systems by elimination with row exchanges, in a form that can be traced.
-
 They call `_where`, `_both`, `_either`, `_most`, `_sqrt` and `_fixed` of a library. `_fixed` marks a value that does not
-contribute to derivatives.
-"""
+contribute to derivatives."""
 
 
 @dataclass(frozen=True)

@@ -46,10 +46,8 @@ def on_side(expr: Any, edge: Any, sign: int) -> Any:
 
 
 ROUNDED_PIECES = 2.0**-40
-"""Largest difference of two pieces of a tabulated function at the point where they meet, relative to their terms.
-
-It is about 4,000 units of rounding.
-"""
+"""Largest difference of two pieces of a tabulated function at the point where they meet, relative to their terms. It is
+about 4,000 units of rounding."""
 
 BALANCED_FORCE = 1e-8  # Largest residual force at an equilibrium in decimals, relative to the stiffness
 

@@ -1,4 +1,4 @@
-"""Hamilton's form of a system: Legendre transform, H = p.v - L, Hamilton's equations and Poisson brackets."""
+"""Derive Hamilton's form of a system: Legendre transform, H = p.v - L, Hamilton's equations and Poisson brackets."""
 
 from __future__ import annotations
 

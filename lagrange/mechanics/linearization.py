@@ -214,10 +214,8 @@ FALSE_POLE = "Away from equilibrium: the mass matrix is singular here, and next 
 
 
 MOST_OPERATIONS = 150
-"""Largest number of operations in M, C and K together for determinants in symbols.
-
-A determinant for 3 coordinates with 112 operations takes 0.3 s, for 2 coordinates with 255 operations some minutes.
-"""
+"""Largest number of operations in M, C and K together for determinants in symbols. A determinant for 3 coordinates with
+112 operations takes 0.3 s, for 2 coordinates with 255 operations some minutes."""
 
 SAMPLES = 4  # Number of random values of the symbols at which a mass matrix with long formulas is evaluated
 POLE_DISTANCES = (1e-3, 1e-4, 1e-5)  # Distances of the points at which a force is evaluated from a pole
@@ -291,13 +289,13 @@ def _note(
         return f"About {'a steady motion' if any(point.v) else 'an equilibrium'}{on_constraints}."
     if balanced:
         moving = listing(name for name, v in zip(form.statement.names, point.v, strict=True) if v != 0)
-        return f"Away from equilibrium: {moving} moves, and the matrices hold at this instant."
+        return f"Away from equilibrium: {moving} moves, and the matrices are valid at this instant."
     parts = [
         f"{formula(form.written(force), 80)} on {name}"
         for name, force in zip(names_of_forces, unbalanced, strict=True)
         if not point.is_zero(force, ())
     ]
-    return f"Away from equilibrium: the forces left are {listing(parts)}, and the matrices hold at this instant."
+    return f"Away from equilibrium: the forces left are {listing(parts)}, and the matrices are valid at this instant."
 
 
 INPUT_STEP = 1e-3
@@ -367,7 +365,7 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
         compiled_slow = np.hstack([rates_by_place[slow], rates_by_speed[np.ix_(slow, fast)]])
         formulas_slow = shares
     else:
-        # The model has the rates of velocities without inertia.
+        # This compiled model has accelerations also for velocities without inertia.
         compiled_slow = by_speed[slow]
         formulas_slow = shares[:, :count] @ speeds[lin.places] + shares[:, count:] @ by_speed[fast]
     scale = max(1e-300, np.abs(by_speed).max(), np.abs(by_place).max())

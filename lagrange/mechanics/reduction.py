@@ -217,7 +217,7 @@ def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
 def _without(statement: Statement, name: str, replacement: Any) -> Statement:
     """Return the statement without the coordinate `name`; `replacement` is the user's expression for it, or None."""
     if len(statement.coordinates) == 1:
-        raise StatementError(f"{name} is the only coordinate left: without it nothing moves.")
+        raise StatementError(f"{name} is the only coordinate left: keep it, because a system needs a coordinate.")
     q = statement.coordinates[statement.names.index(name)]
     candidates = [c for c in statement.constraints if c.expression.has(q)]
     if replacement is None:

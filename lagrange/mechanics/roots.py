@@ -244,24 +244,18 @@ CONVERGED_STEP = 1e-9  # Largest last Newton step at convergence, relative to 1 
 SMALL = 1e-8  # Largest residual at a root, relative to the typical residuals at the starts
 
 WITHIN = 1e-3
-"""Largest ratio of residual to slope at a root, relative to 1 plus the largest unknown.
-
-It rejects end points far out, where a residual is small but never zero.
-"""
+"""Largest ratio of residual to slope at a root, relative to 1 plus the largest unknown. It rejects end points far out,
+where a residual is small but never zero."""
 
 SAME_ROOT = 1e-6  # Largest distance of end points that are the same root, relative to 1 plus the largest unknown
 
 FLAT = 1e-6
-"""Smallest ratio of the least to the largest singular value of the slopes at a simple root.
-
-Below this ratio the root is multiple, such as y = 0 of y^3.
-"""
+"""Smallest ratio of the least to the largest singular value of the slopes at a simple root. Below this ratio the root
+is multiple, such as y = 0 of y^3."""
 
 SAME_FLAT = 1e-3
-"""Largest distance of multiple roots that count as one, in place of SAME_ROOT.
-
-y^3 determines y to about 1e-4. The end point of smallest residual is kept.
-"""
+"""Largest distance of multiple roots that count as one, in place of SAME_ROOT. y^3 determines y to about 1e-4. The end
+point of smallest residual is kept."""
 
 
 def numeric_roots(

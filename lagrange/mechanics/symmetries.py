@@ -1,4 +1,4 @@
-"""Point symmetries: candidates for a system, the test of a candidate, its conserved quantity and a name for it."""
+"""Propose point symmetries of a system, test them, and give their conserved quantities and the names of these."""
 
 from __future__ import annotations
 
@@ -36,11 +36,9 @@ PLACINGS: dict[int, tuple[Placing, ...]] = {
         lambda r, b, a: (r * cos(b) * cos(a), r * cos(b) * sin(a), r * sin(b)),
     ),
 }
-"""Functions from coordinates to the position vector of a body, by number of coordinates.
-
-The vectors are Cartesian, polar (angle from x, or hanging), on a sphere of any radius, cylindrical and spherical.
-Angles are counted from the pole or from the equator.
-"""
+"""Functions from coordinates to the position vector of a body, by number of coordinates. The vectors are Cartesian,
+polar (angle from x, or hanging), on a sphere of any radius, cylindrical and spherical. Angles are counted from the pole
+or from the equator."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,8 +361,8 @@ def body_motions(stated: StatedAlgebra, position: BodyPosition) -> Iterator[Symm
     tangents = [r.diff(q) for q in stated.q]
     squares = [_reduced(tangent.dot(tangent)) for tangent in tangents]
     units = [Matrix([int(j == k) for j in range(3)]) for k in range(3)]
-    moved = units[: len(position.r)] if len(position.r) == len(tangents) else []  # a sphere permits no shift
-    turned = [unit.cross(r) for unit in units[:2]] if len(position.r) == 3 else []  # about z an angle is shifted
+    moved = units[: len(position.r)] if len(position.r) == len(tangents) else []  # no shift stays on a sphere
+    turned = [unit.cross(r) for unit in units[:2]] if len(position.r) == 3 else []  # turns about z shift an angle
     for motion in (*moved, *turned):
         parts = [_reduced(tangent.dot(motion)) / square for tangent, square in zip(tangents, squares, strict=True)]
         yield Symmetry(tuple(parts))

@@ -386,7 +386,7 @@ def routh_of(statement: Statement, ignored: Sequence[Any]) -> Routh:
     indices = tuple(dict.fromkeys(statement.names.index(coordinate_name(key, statement.names)) for key in ignored))
     if len(indices) == len(statement.names):
         raise StatementError(
-            f"every coordinate of {statement.name} would be ignored: without one nothing is left to move."
+            f"every coordinate of {statement.name} would be ignored: leave out one of them, which then moves."
         )
     for i in indices:
         _check_ignorable(form, i)

@@ -35,8 +35,7 @@ ALWAYS = ("rhs", "energy", METHOD)  # Quantities that every page exports; some s
 
 TOLERANCE = 1e-13
 """Relative and absolute tolerance of the steps. In a minute of motion the energy of the double pendulum drifts by some
-1e-12. The computation of one picture takes 30 us.
-"""
+1e-12. The computation of one picture takes 30 us."""
 
 PAGE_STEPS = 5000  # Largest number of integration steps between two states that a page draws; a pendulum takes one
 

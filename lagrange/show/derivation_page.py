@@ -40,10 +40,8 @@ COMPACT = (
     "\\renewcommand{\\section}{\\@startsection{section}{1}{0pt}{0.7ex plus 1ex}{-1em}{\\normalfont\\large\\bfseries}}",
     "\\makeatother",
 )
-"""LaTeX settings for little space around the title, headings and formulas: three coordinates fill one page.
-
-A heading stands at the start of a paragraph. After a heading on its own line a formula would begin with a blank line.
-"""
+"""LaTeX settings for little space around the title, headings and formulas: three coordinates fill one page. A heading
+stands at the start of a paragraph. After a heading on its own line a formula would begin with a blank line."""
 
 LONG_SECTION = 12  # Lines of formulas above which a section of an HTML page is folded
 

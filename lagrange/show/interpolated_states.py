@@ -14,11 +14,9 @@ PER_STEP, MOST_STORED = 4, 20_000
 """Number of states that a file stores per step in addition to the outputs, and the largest total: files stay small."""
 
 LARGEST_ERROR = 2e-3
-"""Largest error of a coordinate between two outputs, relative to its largest change between neighbouring outputs.
-
-A step changes a coordinate by at most about half of its amplitude. Then the error is a thousandth of the amplitude:
-less than a pixel.
-"""
+"""Largest error of a coordinate between two outputs, relative to its largest change between neighbouring outputs. A
+step changes a coordinate by at most about half of its amplitude. Then the error is a thousandth of the amplitude: less
+than a pixel."""
 
 STATE_NOISE = 1e-9  # Rounding noise, relative to the largest entry of all states
 

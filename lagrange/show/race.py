@@ -90,7 +90,7 @@ def _mark_limits(axis: Axes, race: Race, style: FigureStyle) -> None:
     if low < race.floor < float("inf"):
         axis.axhspan(low, min(race.floor, high), color=style.grid, alpha=0.55, zorder=0, linewidth=0)
         top = min(race.floor, high)
-        under = math.log(top / low) > math.log(high / low) / 2  # else it would be written over the axis
+        under = math.log(top / low) > math.log(high / low) / 2  # in a narrow shade a text would cover the axis
         axis.annotate(
             "shaded: rounding one state moves the end further",
             (0.01, top),

@@ -84,7 +84,7 @@ def test_a_steady_motion_is_one_and_others_are_told() -> None:
     tilted = cart().substitute({k: 0, c: 0, u: 0}).linearize({theta: 0, x.dot: 1})
     assert tilted.note == "About a steady motion."
     falling = lg.System(m * x.dot**2 / 2, k * x**2 / 2 - k * x).linearize({x: 1, x.dot: w})
-    assert falling.note == "Away from equilibrium: x moves, and the matrices hold at this instant."
+    assert falling.note == "Away from equilibrium: x moves, and the matrices are valid at this instant."
 
 
 def test_constraints_leave_independent_coordinates() -> None:

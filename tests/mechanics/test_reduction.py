@@ -154,7 +154,7 @@ def pair(**constraints: Any) -> lg.System:
         ({"roll": x.dot - y * theta.dot}, ("roll",), "the constraint roll determines no coordinate: roll is a"),
         ({"rod": ROD}, ({y: l - x},), "y = 'l - x' does not solve a constraint: give a solution of one of rod, the"),
         ({"rod": ROD}, ({y: y + x},), "the value of y is 'x(t) + y(t)': give an expression in the other coordinates,"),
-        ({"tie": y - x, "same": theta - x}, (y, theta, x), "x is the only coordinate left: without it nothing moves."),
+        ({"tie": y - x, "same": theta - x}, (y, theta, x), "x is the only coordinate left: keep it, because a"),
     ],
 )
 def test_what_cannot_be_eliminated_is_refused(constraints: Any, expected: Any, words: str) -> None:
@@ -255,7 +255,7 @@ def plain(**more: Any) -> lg.System:
     ("make", "expected", "words"),
     [
         (plain, (), "routhian() has no arguments: give a coordinate that is ignorable."),
-        (plain, (x, y), "every coordinate of pair would be ignored: without one nothing is left to move."),
+        (plain, (x, y), "every coordinate of pair would be ignored: leave out one of them, which then"),
         (lambda: plain(dissipation=c * x.dot**2 / 2), (x,), "x is not ignorable: the force '-c*Derivative(x(t), t)"),
         (lambda: plain(constraints={"tie": x - y}), (x,), "x is not ignorable: the constraint 'tie' acts on it. elimi"),
         (lambda: plain(forces={y: -x}), (x,), "x is not ignorable: the force on y depends on it. Choose another coord"),

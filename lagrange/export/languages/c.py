@@ -146,10 +146,8 @@ FUNCTIONS: Mapping[str, str] = {
 """Functions of the C library."""
 
 HELPERS = named_helpers("c")
-"""Helper functions for operations that C lacks: name and definition by operation. All return NaN for NaN.
-
-Functions that read bits assume IEEE 754 doubles. Absolute values are compared by their bits; NaN is the largest.
-"""
+"""Helper functions for operations that C lacks: name and definition by operation. All return NaN for NaN. Functions
+that read bits assume IEEE 754 doubles. Absolute values are compared by their bits; NaN is the largest."""
 
 _CONSTANTS = "E LOG2E LOG10E LN2 LN10 PI PI_2 PI_4 1_PI 2_PI 2_SQRTPI SQRT2 SQRT1_2"
 _KINDS = ("", "f", "l", "f32", "f64", "f128", "f32x", "f64x")

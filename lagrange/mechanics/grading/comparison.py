@@ -41,10 +41,8 @@ DRAWS = 1000  # Random points drawn to reach further branches of conditions; mos
 MOST = 16  # Largest number of states added to cover other branches
 
 NEAREST = 8.0
-"""Largest number of leading digits that a drawn entry shares with a number in the equations.
-
-A branch that holds only between 3 and 3.0001 is then reached.
-"""
+"""Largest number of leading digits that a drawn entry shares with a number in the equations. A branch that holds only
+between 3 and 3.0001 is then reached."""
 
 Way = tuple[Any, int]  # A switch (such as a condition or Abs) and one of its outcomes
 

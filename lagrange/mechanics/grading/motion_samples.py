@@ -22,10 +22,8 @@ from lagrange.statement.statement import Statement
 DIGITS = 60  # Decimal digits of the velocities: more than the accelerations have
 
 LEFT = 1e-40
-"""Largest residual of a satisfied relation that is linear in the velocities, relative to its terms.
-
-It is the rounding error of 60 digits.
-"""
+"""Largest residual of a satisfied relation that is linear in the velocities, relative to its terms. It is the rounding
+error of 60 digits."""
 
 SINGULAR = 1e-12
 """Pivot of elimination, relative to its row, below which a matrix of relations or masses counts as singular"""

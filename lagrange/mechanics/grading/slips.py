@@ -288,10 +288,8 @@ def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> Stu
 
 
 TINY = 1e-300
-"""Smallest decimal that is examined for rounding, and the inverse of the largest.
-
-Beyond these sizes products of decimals leave the range of doubles.
-"""
+"""Smallest decimal that is examined for rounding, and the inverse of the largest. Beyond these sizes products of
+decimals leave the range of doubles."""
 
 
 def _unit(number: Decimal) -> float:

@@ -31,11 +31,8 @@ from lagrange.statement.vocabulary.letters import WORD
 MULTIPLIER = "lambda_"  # Prefix that turns the name of a constraint into the name of its multiplier
 
 FORCES = ("T", "N", "S", "F", "f", "mu", "FT", "FN", "FS", "FR", "Ff", "Fc", "fs")
-"""Letters that denote constraint forces, unless a symbol of the system has the same name.
-
-A letter has the number of its constraint, such as T1, or is the only unknown name in an answer to a system with one
-constraint.
-"""
+"""Letters that denote constraint forces, unless a symbol of the system has the same name. A letter has the number of
+its constraint, such as T1, or is the only unknown name in an answer to a system with one constraint."""
 
 # Letters that denote the force of the only constraint in any case: they need not be the only unknown names
 USUAL = ("T", "N", "S", "FT", "FN", "FS", "Fc")
@@ -322,11 +319,8 @@ DIGITS = 40  # Decimal digits of evaluations; the accelerations are accurate to 
 ZERO = 1e-12  # Rounding error of accelerations, relative to 1 plus the largest of them
 
 LARGEST_RESIDUAL = 1e-14
-"""Largest residual of an equation that holds, relative to its terms.
-
-Its numbers may be results of about 50 operations on doubles. A wrong term passes only if it is smaller than this at
-every state.
-"""
+"""Largest residual of an equation that holds, relative to its terms. Its numbers may be results of about 50 operations
+on doubles. A wrong term passes only if it is smaller than this at every state."""
 
 
 @dataclass(frozen=True, eq=False)

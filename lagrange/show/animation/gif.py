@@ -147,4 +147,4 @@ def _feed(process: subprocess.Popen[bytes], film: Film, tell: Callable[[int], No
                 pipe.write(film.frame(number).tobytes())
                 tell(number)
     except BrokenPipeError:
-        process.wait()  # it has ended; its exit code and its output give the reason
+        process.wait()  # ffmpeg has ended; its exit code and its output give the reason

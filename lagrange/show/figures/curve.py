@@ -36,10 +36,8 @@ BLOWN_UP = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.SINGULAR, Status.DI
 """Statuses of runs whose values may have grown without bound; any other run is drawn whole."""
 
 SHOWN_SHARE = 0.9
-"""Fraction of the time for which a panel shows the values of a diverging run.
-
-The panel extends above and below these values by their range.
-"""
+"""Fraction of the time for which a panel shows the values of a diverging run. The panel extends above and below these
+values by their range."""
 
 OVERSHOOT = 0.15  # Distance by which lines continue beyond a panel, as a fraction of its height
 

@@ -16,11 +16,9 @@ from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.functions import NAME_OF_CLASS
 
 LETTERS = ("G", "m M mu", "I J Theta", "g", "", "l L R r a b d h s w length radius", "omega Omega nu")
-"""Classes of parameters, by the usual meaning of their letters, in the order in which a product prints them.
-
-The classes are Newton's constant, masses, moments of inertia, gravity, others, lengths, rates. Textbooks print m g l,
-m l^2 omega^2, and G m1 m2. Parameters of one class have the order of the statement.
-"""
+"""Classes of parameters, by the usual meaning of their letters, in the order in which a product prints them. The
+classes are Newton's constant, masses, moments of inertia, gravity, others, lengths, rates. Textbooks print m g l, m l^2
+omega^2, and G m1 m2. Parameters of one class have the order of the statement."""
 OTHERS = LETTERS.index("")
 CLASS_OF = {letter: rank for rank, letters in enumerate(LETTERS) for letter in letters.split()}
 PARAMETER, MULTIPLIER, POSITION, VELOCITY, ACCELERATION, FUNCTION = range(6)
