@@ -70,7 +70,8 @@ def _is_folder(name: str) -> bool:
 def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bool) -> Answer:
     """Compare every file of a folder with the system, and write the table to `out` if it is not None.
 
-    A file that cannot be read has the verdict `UNREADABLE`. `progress` shows the number of compared files.
+    A file that cannot be read has the verdict `UNREADABLE`; the other files are still compared. `progress` shows the
+    number of compared files.
     """
     files = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".") and not path.is_dir()]
     if not files:

@@ -455,8 +455,9 @@ def export(
 ) -> Exported:
     """Write a model as source files of a target into the folder `path`, which is created if it is missing.
 
-    `contents` are names of quantities and methods, None for the defaults; `parameters` replace stated values. After an
-    error, new folders are removed. Raises StatementError for an unknown target or unavailable contents.
+    `contents` are the names of quantities and methods to export, None for the defaults. `events` are the events to
+    export, and `parameters` values that replace the stated ones. After an error, folders that were created are removed.
+    Raises StatementError for an unknown target, and for contents that the system or the target does not have.
     """
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement, constant="an export")

@@ -122,7 +122,7 @@ def marked(mark: str) -> Callable[[str], Sequence[str]]:
 
 
 def test_text(module: SourceModule, script: Script, **extra_fields: object) -> str:
-    """Return the text of the self-test, which compares results of exported functions with multiple precision.
+    """Return the text of the self-test, which compares results of exported functions with results of 40 digits.
 
     `extra_fields` are values for further fields of the templates of `script`.
     """

@@ -70,7 +70,7 @@ class Language(Statements):
         return [self.helpers[op] for op in sorted(needed) if op in self.helpers]
 
     def systems(self, ops: Iterable[str]) -> Iterator[str]:
-        """Yield the lines of the functions that factor and solve, a blank line after each, if `ops` need them."""
+        """Yield the lines of the functions that solve linear systems, if `ops` need them. A blank line ends each."""
         if "factor" in ops:
             for function, (head, end) in ((factored, self.factored), (solved, self.solved)):
                 yield from head.splitlines()
@@ -224,12 +224,18 @@ class StraightLinePrinter:
         self.texts[i] = ATOM, name
 
     def number(self, ref: int, least: int = 0) -> str:
-        """Return value `ref` as a number, in parentheses below the precedence `least`; a condition as one or zero."""
+        """Return the text of value `ref` as a number, in parentheses if its precedence is below `least`.
+
+        A condition becomes one or zero.
+        """
         flag = self.program.instructions[ref].op in FLAGS
         return self.text(ref, least, self.language.number if flag else None)
 
     def condition(self, ref: int, least: int = 0) -> str:
-        """Return value `ref` as a condition (nonzero is true), in parentheses below the precedence `least`."""
+        """Return the text of value `ref` as a condition, in parentheses if its precedence is below `least`.
+
+        A nonzero number is true.
+        """
         if self.program.instructions[ref].op in FLAGS:
             return self.text(ref, least)
         self.needed["condition"] = None
@@ -246,7 +252,10 @@ class StraightLinePrinter:
         return text if binds >= least else f"({text})"
 
     def status(self, more: Sequence[int] = ()) -> str:
-        """Return the condition that a matrix is singular, joined by "or" with the conditions of indices `more`."""
+        """Return the text of the condition that a matrix is singular.
+
+        `more` are the indices of values that are further conditions, joined by "or".
+        """
         either = self.language.operations["or"]
         parts = [(ATOM, name) for name in self.singular] + [self.texts[ref] for ref in more]
         level, condition = parts[0] if parts else (ATOM, self.language.literals.flags[0])

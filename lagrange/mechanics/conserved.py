@@ -301,7 +301,10 @@ REST = 1e-4  # Terms of a rate below this fraction of the largest terms of all q
 
 @dataclass(frozen=True, eq=False)
 class QuantityRates:
-    """Time derivatives `values` (K,) of a quantity at K states, and the sums `sizes` (K,) of their |terms|."""
+    """Time derivatives of a quantity at K states.
+
+    `values` (K,) are the derivatives. `sizes` (K,) are the sums of the magnitudes of their terms.
+    """
 
     points: Sequence[SamplePoint]
     values: FloatArray

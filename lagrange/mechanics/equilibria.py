@@ -89,7 +89,8 @@ class Equilibrium(ShownAsPage):
 def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
     """Return the equilibria of a statement at rest, or at steady `rates` of ignorable coordinates or of a rotation.
 
-    Existing equilibria come first; each group is sorted by energy. Raises StatementError if none is found.
+    Equilibria that exist at the values of the parameters come first. Each group is sorted by energy. Raises
+    StatementError if none is found.
     """
     if statement.rotations and isinstance(rates, Mapping):
         others, turning = split_rates(rates, statement.coordinates, "rates")
@@ -278,7 +279,8 @@ class _Problem:
     def record(self, values: Mapping[Any, Any], *, exact: bool, axial: bool = False) -> Equilibrium:
         """Return the `Equilibrium` for one solution {symbol: value}; `exact` is true for a symbolic solution.
 
-        `axial` is true if the system is symmetric about it in the plane of its two non-ignorable coordinates.
+        `axial` is true if the system is symmetric about the equilibrium in the plane of its two non-ignorable
+        coordinates.
         """
         statement, form = self.statement, self.form
         coordinates = {

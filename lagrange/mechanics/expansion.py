@@ -340,7 +340,7 @@ class _StatementExpansion:
         return self.form.written(total)
 
     def collected(self, term: Any) -> Any:
-        """Return a polynomial in deviations as one in coordinates and velocities, with simplified coefficients."""
+        """Return a polynomial in deviations from the point, rewritten in coordinates and velocities and simplified."""
         polynomial = sympy.Poly(sympy.expand(term), *self.changes)
         differences = [symbol - value for symbol, value in zip(self.symbols, self.values, strict=True)]
         return sympy.Add(

@@ -41,7 +41,10 @@ LARGEST_COUPLED_BLOCK = 4
 
 @dataclass(frozen=True)
 class Legendre:
-    """Legendre transform in plain symbols: `velocities` and `hamiltonian` H as functions of the momenta `symbols`."""
+    """Result of the Legendre transform, in plain symbols.
+
+    `symbols` are the momenta. `velocities` and `hamiltonian` are the velocities and H as functions of the momenta.
+    """
 
     symbols: tuple[Any, ...]
     velocities: tuple[Any, ...]
@@ -49,7 +52,10 @@ class Legendre:
 
 
 def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
-    """Return the Legendre transform of L with the momenta `symbols`. Raises StatementError if it does not exist."""
+    """Return the Legendre transform of the Lagrangian; `symbols` are the symbols for the momenta.
+
+    Raises StatementError if the momenta do not determine the velocities.
+    """
     mass = form.mass
     blocks = coupled_blocks([[entry != 0 for entry in row] for row in mass.tolist()])
     solve = _solved if mass.has(*form.v) else _inverted
@@ -71,9 +77,9 @@ def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
 
 
 def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
-    """Return the adjugate and the determinant of a block of the mass matrix; `block` are indices of its rows.
+    """Return the adjugate and the determinant of a block of the mass matrix.
 
-    Raises StatementError if the block is singular or too large.
+    `block` has the indices of its rows and columns. Raises StatementError if the block is singular or too large.
     """
     if len(block) > LARGEST_COUPLED_BLOCK:
         names = listing(form.statement.names[i] for i in block)

@@ -156,7 +156,8 @@ class Linearization(ShownAsPage):
 def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     """Return the linearization of a system about the point `at`, after comparing it with the compiled model.
 
-    `inputs` are the parameters or functions of time that are the inputs u. Rotations become small turns.
+    `inputs` are the parameters or given functions of time that are the inputs u. Rotations are described by small turns
+    of the bodies.
     """
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)

@@ -163,7 +163,10 @@ RESIDUAL = 1e-20
 
 
 def vanishes(form: PlainForm, expression: Any, kinds: Sequence[SampleKind] = ALL_KINDS) -> bool:
-    """Return True if an expression is zero at random states of these `kinds`; without values there SymPy decides."""
+    """Return True if an expression is zero at random states of the given `kinds`.
+
+    If it has a value at too few states, SymPy decides.
+    """
     if expression == 0:
         return True
     points = random_points(form.statement, seed=7, kinds=kinds)

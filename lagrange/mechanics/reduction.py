@@ -75,7 +75,8 @@ def rewritten(
 def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
     """Return the form of a statement that describes its rotations by small turns of the bodies about their own axes.
 
-    It is `statement.reading`, or the statement itself without it or without a quaternion in `coordinates`.
+    This form is `statement.reading`. If it is None, or if a quaternion is not among the new `coordinates`, the
+    statement itself is returned.
     """
     kept = all(q in coordinates for name in statement.rotations for q in rotation_of(name).quaternion)
     return statement.reading if statement.reading is not None and kept else statement

@@ -38,7 +38,10 @@ class GivenUpError(Exception):
 
 
 def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[dict[Any, Any]] | None:
-    """Return the real solutions {unknown: value} of equations = 0, None if unsolved; free unknowns have no entry."""
+    """Return all real solutions {unknown: value} of equations e = 0, or None if the equations are not solved.
+
+    An unknown that stays arbitrary has no entry.
+    """
     if sum(map(size, equations)) > LONGEST_SYSTEM:
         return None
     try:
@@ -294,7 +297,10 @@ def numeric_roots(
 
 
 def _wrapped(x: FloatArray, turning: Any) -> FloatArray:
-    """Return unknowns with angles (True in `turning`) in (-pi, pi], and with zero for values below 1e-12."""
+    """Return the unknowns x with angles reduced to (-pi, pi], and values below 1e-12 replaced by zero.
+
+    `turning` is true for unknowns that are angles.
+    """
     turns = np.ceil(x / (2 * np.pi) - 0.5 - 1e-9)
     wrapped = np.where(turning, x - 2 * np.pi * turns, x)
     return np.where(np.abs(wrapped) < 1e-12, 0.0, wrapped)

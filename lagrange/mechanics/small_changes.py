@@ -82,7 +82,10 @@ class AtPoint:
         self.shortener = Shortener(f"the linear equations of {self.statement.name} about this point", vanishes)
 
     def matrix(self, rows: Rows, columns: int) -> Any:
-        """Return the values of graph nodes `rows` at the point, in parameters, as a matrix of `columns` columns."""
+        """Return the values of `rows` of graph nodes at the expansion point, as a SymPy matrix in parameters.
+
+        `columns` is the number of columns, also if there are no rows.
+        """
         try:
             nodes = substitute([x for row in rows for x in row], self.here)
         except StatementError:  # a pole at the point

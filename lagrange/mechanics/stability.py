@@ -84,8 +84,9 @@ def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
 def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False) -> Verdict:
     """Return the stability of an equilibrium.
 
-    If all parameters have values, eigenvalues and the energy decide, else signs that SymPy can prove. `axial` is true
-    if the system is symmetric about it in the plane of the two coordinates that are not ignorable.
+    Eigenvalues and the energy decide if all parameters have values. Otherwise signs that SymPy can prove decide.
+    `axial` is true if the system is symmetric about the equilibrium in the plane of the two coordinates that are not
+    ignorable.
     """
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
@@ -203,7 +204,10 @@ def _is_definite(matrix: Any) -> bool:
 
 
 def ignorable(form: PlainForm) -> tuple[int, ...]:
-    """Return the indices of coordinates with constant momenta: not in L, forces or constraints, and without force."""
+    """Return the indices of ignorable coordinates, whose momenta are constant.
+
+    Such a coordinate is absent from L, forces and constraints, and no force acts along it.
+    """
     statement = form.statement
     return tuple(
         i
@@ -363,7 +367,10 @@ class EigenvaluePath:
 
     @property
     def stable(self) -> Any:
-        """Mask (k,): True where no eigenvalue has a positive real part, which is necessary for stability only."""
+        """Mask (k,), true where no eigenvalue has a positive real part.
+
+        This is necessary for stability, but not sufficient.
+        """
         return without_growth(self.eigenvalues)
 
 
@@ -434,7 +441,8 @@ def _on_constraints(point: StatedPoint) -> Linearization:
 def _matrix(lin: Linearization | None, model: Model, state: FloatArray, parameters: Any) -> FloatArray | None:
     """Return the matrix of the first-order linear equations at values of the parameters, or None if not finite.
 
-    It follows from the linearization `lin`, or if `lin` is None is the compiled Jacobian at the state (2n,).
+    The matrix is computed from the symbolic linearization `lin`. If `lin` is None, the matrix is the compiled Jacobian
+    at the state (2n,).
     """
     if lin is None:
         return model.jacobian(0.0, state, parameters)

@@ -52,7 +52,10 @@ class BodyPosition:
 
 
 def place(stated: StatedAlgebra) -> BodyPosition | None:
-    """Return the position of a single body with T = mass |v|^2 / 2, in coordinates of `PLACINGS`; else None."""
+    """Return the position of the only body of a statement, or None if its kinetic energy is not mass |v|^2 / 2.
+
+    The position vectors in `PLACINGS`, such as polar and spherical coordinates, are tried.
+    """
     mass = _mass(stated)
     for placing in PLACINGS.get(len(stated.q), ()) if mass is not None else ():
         for order in permutations(range(len(stated.q))):
@@ -323,7 +326,10 @@ MOST_PAIRED = 6
 
 
 def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield shifts that may be symmetries: of time, of single coordinates, of each axis (x1 and x2), and of all."""
+    """Yield shifts that may be symmetries: of time, of single coordinates, of groups, and of all coordinates.
+
+    A group consists of the coordinates of one axis, such as x1 and x2.
+    """
     n, names = len(stated.q), stated.statement.names
     yield Symmetry((S.Zero,) * n, S.One)
     groups = [{i} for i in range(n)]

@@ -379,7 +379,10 @@ class Routh:
 
 
 def routh_of(statement: Statement, ignored: Sequence[Any]) -> Routh:
-    """Return Routh's procedure for `ignored`. Raises StatementError unless they are ignorable and others are left."""
+    """Return Routh's procedure that ignores the coordinates `ignored`.
+
+    Raises StatementError if one of them is not ignorable, or if no coordinate would be left.
+    """
     if not ignored:
         raise StatementError("routhian() has no arguments: give a coordinate that is ignorable.")
     form = PlainForm(statement)
@@ -538,9 +541,10 @@ def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
 
 
 def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name: str) -> FloatArray:
-    """Return the integral of `speed`, a function of times, from the first of `times` to each of them, (N,).
+    """Return the integral of a velocity from the first of `times` to each of them, (N,).
 
-    All intervals are divided together up to an error of `INTEGRAL_TOLERANCE`. `name` is used in messages.
+    The function `speed` returns the velocity (K,) at times (K,). All intervals are divided together until the estimated
+    error is below `INTEGRAL_TOLERANCE`. `name` is the coordinate in messages.
     """
     lengths = np.diff(times)
     if not len(lengths):

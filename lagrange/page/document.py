@@ -78,8 +78,9 @@ ENERGIES = ("E", "T", "V")
 def description(statement: Statement, rate: float, energies: Sequence[str], energy_letter: str) -> dict[str, Any]:
     """Return the data of a system that the scripts of a page read, as a dict for JSON: names, points, links, units.
 
-    The view and the springs are those of figures. `rate` is the time of the run per second on the screen. `energies`
-    are the names of the energies to draw, `energy_letter` the letter of the conserved one, the first.
+    The view of space and the shape of springs are the same as in figures. `rate` is the time of the run per second on
+    the screen. `energies` are the names of the energies to draw, and `energy_letter` is the printed letter of the first
+    one, the conserved energy.
     """
     notation = UnicodeNotation([*statement.names, *(symbol.name for symbol in statement.parameters)])
     # A dot above a letter would be too small on a screen: the velocity is dx/dt.

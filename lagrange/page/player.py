@@ -117,7 +117,8 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
 def _rows(record: Recording) -> list[FloatArray]:
     """Return the recorded curves (S,) in the order of the page's scripts.
 
-    The order is points, entries of the state, the recorded ones of E, T and V, and the change of a recorded E.
+    The order is coordinates of all points, entries of the state, the energies E, T and V as far as they are recorded,
+    and the relative change of E if E is recorded.
     """
     names = [*record.statement.drawn]
     dimension = max((len(record.points[name]) for name in names), default=0)

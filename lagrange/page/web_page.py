@@ -165,8 +165,9 @@ def sliders(
 ) -> tuple[Slider, ...]:
     """Return a slider for each parameter and each entry of the initial state, those in `slider_bounds` first.
 
-    `parameters` and `initial` are the present values; `slider_bounds` maps symbols or names to (low, high). Bodies have
-    rates of rotation, not quaternions. Raises StatementError for unknown names, or a value out of bounds.
+    `parameters` and `initial` are the present values. `slider_bounds` maps symbols or names to bounds (low, high). The
+    sliders of a body change its rates of rotation, not its quaternion. Raises StatementError for unknown names, and for
+    bounds that do not contain the present value.
     """
     statement = model.statement
     bounds, adjustable = chosen_bounds(statement, slider_bounds), places(statement)

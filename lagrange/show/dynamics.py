@@ -117,7 +117,10 @@ class PoincareSection(Drawn, SectionData):
     """Times and states at the crossings of each orbit; the result of `lagrange.poincare`."""
 
     def plot(self, x: Any = None, y: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure of the section: a point per crossing, a colour per orbit, over the entries `x` and `y`."""
+        """Return the figure of the Poincare section: a point for each crossing, and a colour for each orbit.
+
+        `x` and `y` are the entries of the state on the axes.
+        """
         return plot_section(self, x, y, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:

@@ -283,7 +283,10 @@ class Ensemble:
         return label if self.problem.t_eval is None else start_name(label, self.names)
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
-        """Yield (name, values, dimensions after those of varied quantities) of each Dataset variable of a `column`."""
+        """Yield (name, values, dimensions) of each variable of a Dataset for a column of results.
+
+        The dimensions of the varied quantities, which come first in the Dataset, are not included.
+        """
         names, rows = self._variables_of(column), self.results.column(column.name)
         if column.name == STATUS:
             yield STATUS, np.array([status.value for status in STATUSES])[rows], ()

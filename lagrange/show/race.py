@@ -85,7 +85,10 @@ def _short(size: float) -> str:
 
 
 def _mark_limits(axis: Axes, race: Race, style: FigureStyle) -> None:
-    """Shade errors below `race.floor`, which no method reaches in double precision except by chance, if in sight."""
+    """Shade errors below `race.floor`, which no method in double precision reaches except by chance.
+
+    Nothing is shaded if `race.floor` is below the lower end of the axis.
+    """
     low, high = axis.get_ylim()
     if low < race.floor < float("inf"):
         axis.axhspan(low, min(race.floor, high), color=style.grid, alpha=0.55, zorder=0, linewidth=0)

@@ -114,7 +114,10 @@ class BracedPrinter(SourcePrinter):
         return "break;"
 
     def partial(self, ref: int, index: str) -> str:
-        """Return the text of partial sum `index` (text of 0 to 3) of the sum number `ref`, which a loop computes."""
+        """Return the text of one of the four partial sums of the sum number `ref`, which a loop computes.
+
+        `index` is the text of the index of the partial sum, 0 to 3.
+        """
         return f"{self.text(ref)}[{index}]"
 
     def modulo(self, index: str) -> str:

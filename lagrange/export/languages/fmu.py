@@ -152,8 +152,9 @@ def _description(
 ) -> str:
     """Return the text of modelDescription.xml for a version of FMI.
 
-    `token` is (name, value) of the attribute that identifies the model, `events` the number of event indicators or
-    None. `interfaces` are the lines of model exchange and co-simulation, `parts` those of variables and structure.
+    `token` is the name and the value of the attribute that identifies the model. `events` is the number of event
+    indicators, None to leave it out. `interfaces` are the lines of the elements for model exchange and co-simulation.
+    `parts` are the lines of the elements for variables and model structure.
     """
     run, _ = run_of(module)
     units = sorted({*(variable.unit for variable in _variables(module)), module.units.get("t", "")} - {""})
@@ -208,8 +209,9 @@ def _real(variable: ScalarVariable, of: int) -> dict[str, object]:
 def _interfaces(module: SourceModule, state: str, derivatives: str, sources: Sequence[str] = ()) -> list[str]:
     """Return the lines of the XML elements for model exchange and co-simulation.
 
-    `state` and `derivatives` are spellings of attributes that differ between versions, `sources` lines inside both
-    elements. Directional derivatives need a Jacobian and no inputs, since it is by the state alone.
+    `state` and `derivatives` are the spellings of two attributes, which differ between versions of FMI. `sources` are
+    lines inside of both elements. Directional derivatives need a Jacobian. The exported Jacobian has derivatives with
+    respect to the state only, so an FMU with inputs has no directional derivatives.
     """
     can = {
         "modelIdentifier": module.name,

@@ -67,7 +67,8 @@ Shifted = Mapping[Procedure, frozenset[int]]
 def shifted_parameters(procedures: Sequence[Procedure], always: Shifted) -> Shifted:
     """Return for each procedure the indices of the array parameters for which callers also pass an offset.
 
-    These are in `always`, or some call passes a subarray. `procedures` has callees before their callers.
+    A parameter needs an offset if some call passes a subarray, or if it is in `always`. `procedures` has callees before
+    their callers.
     """
     shifted = {procedure: always.get(procedure, frozenset[int]()) for procedure in procedures}
     for caller in reversed(procedures):

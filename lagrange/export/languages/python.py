@@ -93,7 +93,10 @@ class Python(Target):
 
 
 class _ExportPrinter(Printer):
-    """Prints a procedure as a Python function _name on memoryviews; `needed` collects operations to define."""
+    """Prints one procedure as a Python function on memory views of arrays; its name begins with an underscore.
+
+    `needed` collects the operations whose definitions the file needs.
+    """
 
     def __init__(self, procedure: Procedure, needed: dict[str, None]) -> None:
         self.needed = needed

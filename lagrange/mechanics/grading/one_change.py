@@ -70,8 +70,9 @@ NUMBERED = 0.05  # Added cost of a corrected term with a number
 class Sum:
     """A sum in an equation, the expression `whole`, and its place in the equation.
 
-    `side` is 0 for the left side, 1 for the right side. `path` has the indices of SymPy arguments to the sum, `around`
-    is the product of its other factors. `below` is true in a denominator. `terms` are its terms as typed.
+    `side` is 0 for the left side and 1 for the right side. `path` has the indices of SymPy arguments that lead to the
+    sum. `around` is the product of the factors that multiply the sum. `below` is true if the sum is in a denominator.
+    `terms` are the terms of the sum. Like terms are not combined if they were typed separately.
     """
 
     side: int
@@ -286,9 +287,10 @@ class _Search:
         return POWER * sum(abs(e) for _, e in key) + OF_FACTOR * len(unlikely)
 
     def multiples(self, values: Numbers) -> Iterator[tuple[float, Any, Any]]:
-        """Yield (cost, c, product of powers) if the rational c times the product equals `values` at all samples.
+        """Yield triples (cost, c, product of powers): the rational c times the product equals `values` at all samples.
 
-        `values` has a number for each sample, none of them zero. At most 20 products are tried.
+        `values` has one number for each sample; nothing is yielded if one of them is zero. At most 20 products are
+        tried.
         """
         if not all(values):
             return
@@ -309,7 +311,10 @@ class _Search:
                 yield cost + below + self._cost_of_right(total, difference.right), total, difference
 
     def _changed_terms(self, total: Sum, changes: Numbers) -> Iterator[tuple[float, Difference]]:
-        """Yield (cost, difference) for changes of one term, or of the whole sum, that add `changes` at the samples."""
+        """Yield (cost, difference) for changes of one term of a sum, or of the whole sum.
+
+        `changes` are the necessary changes of the sum at the samples.
+        """
         parts = [(term, False) for term in total.terms]  # pairs (expression, True for the whole sum)
         if len(parts) > 1:
             parts.append((total.whole, True))
@@ -373,7 +378,10 @@ class _Search:
                 yield total, [step * value for step, value in zip(steps, whole, strict=True)]
 
     def _of_term(self, term: Any, value: Numbers, changes: Numbers) -> Iterator[tuple[float, Difference]]:
-        """Yield (cost, difference) for replacements that add `changes` to a term's values `value` at the samples."""
+        """Yield (cost, difference) for replacements of a term that change its value at the samples by `changes`.
+
+        `value` are the values of the term at the samples.
+        """
         required = [a + b for a, b in zip(value, changes, strict=True)]
         if max(map(abs, required)) <= NONE * max(map(abs, value)):
             yield LEFT_OUT, Difference("extra", term, sympy.S.Zero)

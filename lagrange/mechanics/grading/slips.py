@@ -142,7 +142,10 @@ def _slips(zeros: Sequence[Any], parameters: Sequence[Any], statement: Statement
 
 
 def _factors(parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
-    """Yield slips that also look like one wrong term: signs, directions, factors 2 and 1/2 of these `parameters`."""
+    """Yield slips that may also look like one wrong term: signs, directions, and factors 2 and 1/2.
+
+    `parameters` are the parameters in the equations.
+    """
     for p in parameters:
         if not statement.kinetic.has(p):
             yield f"All is right with -{p} in place of {p}: the terms with {p} have the wrong sign.", {p: -p}
@@ -253,8 +256,9 @@ _DECIMAL = re.compile(r"(?<![\w.])[0-9]*\.[0-9]+(?:e[+-]?[0-9]+)?(?!\w)")
 def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> StudentEquation | None:
     """Return an equation with exact numbers in place of decimals, if it then holds at all samples; else None.
 
-    Its `note` is a sentence on them. They replace decimals rounded to enough digits: 0.667 becomes 2/3, a cut 0.666
-    stays. SymPy multiplies decimals in a product, so the most precise decimal sets the precision.
+    The equation's `note` is a sentence on these numbers. They replace decimals that are rounded to enough digits: 0.667
+    becomes 2/3, and 0.666 stays. SymPy multiplies the decimals in a product, so the result is assumed to be as precise
+    as the most precise decimal of the equation.
     """
     equation = row.equation
     typed = [Decimal(text) for text in _DECIMAL.findall(equation.read)]

@@ -418,7 +418,10 @@ _JUMPS = (sympy.Heaviside, sympy.DiracDelta, sympy.sign, sympy.Abs, sympy.Max, s
 
 
 def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
-    """Return an equation as linear coefficients of accelerations and multipliers, else raise StatementError."""
+    """Return an equation of an answer as a row of linear coefficients.
+
+    Raises StatementError if it is not linear in accelerations and multipliers.
+    """
     zero = equation.zero.xreplace(dict(equation.meanings)).xreplace(abbreviations(statement))
     if zero.has(sympy.DiracDelta):
         raise StatementError(

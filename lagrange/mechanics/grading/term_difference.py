@@ -38,7 +38,10 @@ class Difference:
     ratio: Fraction = Fraction(1)
 
     def ending(self, factor: Any, write: Write) -> str:
-        """Return the end of a sentence on the difference, times `factor`; `write` turns an expression into text."""
+        """Return the end of a sentence on the difference. Both expressions are first multiplied by `factor`.
+
+        `write` turns an expression into text.
+        """
         typed, right = self.typed * factor, self.right * factor
         shown = right if self.kind == "missing" else typed
         named = f"the {'sum' if shown.is_Add else 'term'} {write(shown)}"
@@ -91,7 +94,10 @@ def expanded(expression: Any) -> tuple[Any, ...]:
 
 
 def scaled_by(number: Fraction, expression: Any) -> Any:
-    """Return a number times a sum, term by term; in denominators common factors are taken out, as 3 in 3*R - 3*r."""
+    """Return a number times an expression, multiplied into each term of a sum.
+
+    Common factors of denominators are taken out: 3*R - 3*r becomes 3*(R - r).
+    """
     quotients = map(sympy.fraction, sympy.Add.make_args(expression))
     return sympy.Add(*(sympy.Rational(number) * above / sympy.factor_terms(below) for above, below in quotients))
 

@@ -293,7 +293,8 @@ def _meant(row: EquationRow, sample: MotionSample) -> str:
 def _constraint_meant(row: EquationRow, slopes: Numbers, sample: MotionSample) -> str:
     """Return the name of the constraint whose gradient is parallel to the coefficients of accelerations, or "".
 
-    `slopes` are the coefficients of all unknowns. An equation between coordinates has a gradient instead.
+    `slopes` are the coefficients of accelerations and multipliers. For an equation between coordinates, its gradient is
+    compared.
     """
     statement, count = row.statement, len(row.statement.names)
     if any(slopes[count:]):

@@ -73,7 +73,10 @@ points."""
 
 
 def checked_options(size: Any, trail: Any) -> tuple[tuple[int, int] | None, float | None]:
-    """Return `size` and `trail` of a `Film`, None if left out. Raises StatementError for invalid values."""
+    """Return the arguments `size` and `trail` of a `Film`, or None for those that the user leaves out.
+
+    Raises StatementError for an invalid `size` or `trail`.
+    """
     if size is not None:
         if not isinstance(size, (tuple, list)) or len(size) != 2:
             raise StatementError(f"size = {shown(size)}: give width and height in pixels, such as size=(640, 480).")

@@ -29,8 +29,9 @@ _FOREVER = b"\x21\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00"
 def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int], None]) -> None:
     """Write the frames of a film as a GIF; `tell` is called with the number of each drawn frame.
 
-    Each frame is shown for `interval` seconds; if a GIF cannot, some frames are left out. The file stores of each frame
-    the smallest rectangle with changed pixels, in which unchanged pixels are transparent.
+    Each frame is shown for `interval` seconds; if this is too short for a GIF, some frames are left out. The file
+    stores for each frame the smallest rectangle that contains the changed pixels. Unchanged pixels in this rectangle
+    are transparent, which compresses well.
     """
     from PIL import GifImagePlugin
     from PIL.Image import fromarray

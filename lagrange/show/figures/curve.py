@@ -69,8 +69,9 @@ class AxisWindow:
 def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
     """Return the limits of a panel for a run whose values grow without bound, or None if the panel shows all values.
 
-    `values(t)` returns rows of values (r, K) at times (K,). Two quantiles enclose them for `SHOWN_SHARE` of the time.
-    The limits are these, moved outwards by their distance, or the extreme values if those are nearer.
+    `values(t)` returns the rows of values, (r, K), at times (K,). Two quantiles enclose the values for `SHOWN_SHARE`
+    of the time. Each limit is a quantile, moved outwards by the distance of the two quantiles; it is nearer if no value
+    is so far away. The result is None if the run did not end at a singularity, and if all values are within the limits.
     """
     if solution.status not in BLOWN_UP or len(solution.t) < 2:
         return None

@@ -71,8 +71,9 @@ Values = Callable[["Solution"], FloatArray]
 class PanelQuantity:
     """A quantity of r rows for one panel over time: `values(run)` returns the rows at the outputs of a run, (r, N).
 
-    `labels` of the rows are mathematics or words, `unit` is their common unit. `name` is the title; if empty, the only
-    label is beside the panel. `drift` is true for changes of a conserved quantity, which are errors.
+    `labels` are the labels of the rows, in mathematics or words, and `unit` is their common unit. `name` is the title
+    of the panel; if it is empty, the only label is written beside the panel. `drift` is true if the values are the
+    change of a conserved quantity, which is an error of the method.
     """
 
     name: str
@@ -333,7 +334,10 @@ class TimePanel:
         self._name(axis, "; ".join(dict.fromkeys(run.note for run in runs if run.note)), style)
 
     def _draw_run(self, axis: Axes, index: int, run: Curves, style: FigureStyle) -> None:
-        """Draw run number `index` in its colour; several rows have a colour each, and the run has a line style."""
+        """Draw the lines of run number `index`.
+
+        Each run has its own colour. If a run has several rows, each row has a colour and each run a line style.
+        """
         several, count = len(self.solutions) > 1, len(run.lines)
         run_colour = colours(len(self.solutions), style.colours)[index]
         shades = (style.ink,) if self.quantities[0].drift else colours(1, style.colours)

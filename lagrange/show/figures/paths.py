@@ -440,7 +440,10 @@ class PathPanel:
         return np.array([low - more, high + more])
 
     def _shades(self, run: Paths, index: int, style: FigureStyle) -> dict[str, str]:
-        """Return {point: colour} of the moving points of run number `index`; a lone point has the run's colour."""
+        """Return the colour of each moving point by name, for run number `index`.
+
+        If only one point moves, each run has its own colour.
+        """
         if len(run.moving) == 1 and len(self.solutions) > 1:
             return {run.moving[0]: colours(len(self.solutions), style.colours)[index]}
         return dict(zip(run.moving, point_look(len(run.moving), style.colours)[0], strict=True))

@@ -46,7 +46,10 @@ _SMALL = 0.4  # Factor of the size of moving points beyond `NAMED_POINTS`
 
 
 def point_look(count: int, few: tuple[str, ...] = COLOURS) -> tuple[tuple[str, ...], float]:
-    """Return colours of `count` moving points, from `few` if enough, and a size factor, smaller for many points."""
+    """Return the colours of `count` moving points, and a factor for their size, which is smaller for many points.
+
+    `few` are the colours for a small number of points.
+    """
     return (colours(count, few), 1.0) if count <= NAMED_POINTS else ((few[0],) * count, _SMALL)
 
 

@@ -158,7 +158,8 @@ class MathmlNotation(BookNotation):
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
         """Return the symbol in MathML of a quantity whose usual `letter`, such as L, is a name in the system.
 
-        It is calligraphic, or the `word` for other letters, with the names `indices` below.
+        The letter becomes calligraphic. A letter without a calligraphic form is replaced by its `word`. `indices` are
+        names below the symbol.
         """
         shown = (
             chr(0x1D49C + ord(letter) - ord("A"))
@@ -179,7 +180,10 @@ class MathmlNotation(BookNotation):
         return self.constants.get(name, f"<mi>{name}</mi>")
 
     def brackets(self, inside: str) -> str:
-        """Return MathML in parentheses, which stretch, with gaps beside them, only around tall text (fractions)."""
+        """Return MathML in parentheses, which stretch only around a tall text such as a fraction.
+
+        Parentheses that stretch have wide gaps beside them.
+        """
         if any(tall in inside for tall in TALL):
             return row(operator("("), inside, operator(")"))
         return row('<mo stretchy="false">(</mo>', inside, '<mo stretchy="false">)</mo>')

@@ -143,7 +143,10 @@ def sections(derivation: Derivation) -> Iterator[Section]:
 
 
 def stated_formulas(statement: Statement) -> Iterator[Formula | str]:
-    """Yield stated energies, forces, functions of time and constraints as formulas; a table of values as a sentence."""
+    """Yield the stated energies, forces, known functions of time and constraints as formulas.
+
+    A known function that is a table of values is described by a sentence.
+    """
     if statement.lagrangian_alone:
         yield Formula((LAGRANGIAN, statement.lagrangian))
     else:

@@ -366,7 +366,8 @@ class UnicodeNotation(BookNotation):
 class PrintedWidth(UnicodeNotation):
     """Notation that measures formulas: its text has the width of the formula on paper, and is not shown to anyone.
 
-    A fraction is its wider part. Factors follow each other without blanks, except before a function.
+    A fraction is replaced by the wider one of numerator and denominator. Factors follow each other without blanks,
+    except before a function.
     """
 
     product_sign, time_derivative = "", "dt {0}"

@@ -67,9 +67,10 @@ def image(figure: Figure, about: str) -> str:
 
 
 def pictured(card: str, draw: Callable[[], Figure], about: str) -> str:
-    """Return `card`, a text in HTML, followed by the figure that `draw` returns, or by why `draw` raised an error.
+    """Return `card`, a text in HTML, followed by the figure that `draw` returns.
 
-    `about` says what the figure shows, for its alternative text.
+    If `draw` raises StatementError, its message replaces the figure. `about` says what the figure shows, for its
+    alternative text.
     """
     try:
         return card + image(draw(), f"plot of {about}")
