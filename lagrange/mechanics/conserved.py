@@ -131,7 +131,8 @@ def _proven_quantities(model: Model) -> Iterator[Conserved]:
             model.statement,
         )
     for name, terms in runge_lenz(stated, body) if body is not None else ():
-        yield Conserved(name, stated.show(terms), RUNGE_LENZ, model.statement)
+        reason = "The force falls with the square of the distance, so the axis of the orbit does not turn."
+        yield Conserved(name, stated.show(terms), reason, model.statement)
 
 
 def _momenta_of_turns(
@@ -161,9 +162,6 @@ def _momenta_of_turns(
             f"Turning {each.name} about the axis {about} leaves the Lagrangian as it is.",
             statement,
         )
-
-
-RUNGE_LENZ = "The force falls with the square of the distance, so the axis of the orbit does not turn."
 
 
 def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | None) -> Iterator[Symmetry]:

@@ -139,14 +139,13 @@ class _Problem:
                 f"the forces of {statement.name} depend on time, so no point is an equilibrium at all times: "
                 "transform(...) may give moving coordinates in which the forces do not depend on time."
             )
-        fixed = [i for i in range(len(form.q)) if i not in self.free]
-        self.unknowns = tuple(form.q[i] for i in fixed)
-        self.rows = tuple(fixed)
+        self.rows = tuple(i for i in range(len(form.q)) if i not in self.free)
+        self.unknowns = tuple(form.q[i] for i in self.rows)
         self.multipliers = tuple(sympy.Dummy(constraint.name, real=True) for constraint in statement.constraints)
         self.gradient = [[zero.diff(form.q[i]) for i in range(len(form.q))] for zero in self.zeros]
         pushed = [
             forces[i] - sympy.Add(*(m * row[i] for m, row in zip(self.multipliers, self.gradient, strict=True)))
-            for i in fixed
+            for i in self.rows
         ]
         self.equations = [in_fractions(equation) for equation in (*pushed, *self.zeros)]
 

@@ -254,7 +254,8 @@ def _of_factor(coefficients: Sequence[Any], even: bool) -> list[_Root] | None:
 def _by_product(total: Any, squared: Any) -> list[_Root]:
     """Return two modes from w1^2 + w2^2 = total and P = w1 w2: w = (sqrt(total + 2 P) -+ sqrt(total - 2 P))/2.
 
-    `squared` is P^2. The formula is short if P has no root, as for Foucault's pendulum; [] if P may be imaginary.
+    `squared` is P^2. This form is shorter if P contains no root, as for Foucault's pendulum. The list is empty if P may
+    be imaginary.
     """
     product = _root_of(squared)
     if not product.is_positive:

@@ -26,12 +26,7 @@ from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import Statement, corners, energy_unit, length_unit, unit_of
 from lagrange.trajectory.measures.times_and_points import moving_points
 
-TARGET = "javascript"
-
-METHOD = "dop853"  # Integration method with which a page computes the motion
-
-
-ALWAYS = ("rhs", "energy", METHOD)  # Quantities that every page exports; some systems add others
+ALWAYS = ("rhs", "energy", "dop853")  # Contents that every page exports; dop853 computes the motion
 
 TOLERANCE = 1e-13
 """Relative and absolute tolerance of the steps. In a minute of motion the energy of the double pendulum drifts by some
@@ -52,7 +47,7 @@ def motion_script(model: Model, parameters: Mapping[Any, Any] | None) -> tuple[s
     The script is the exported JavaScript module. It ends with a call that passes its functions to the page, because no
     other script can import an inline module. Raises StatementError for functions that JavaScript lacks.
     """
-    target, quantities = find(TARGET), contents(model.statement)
+    target, quantities = find("javascript"), contents(model.statement)
     module = module_of(model, contents_of(target, model, quantities, (), parameters), (), parameters)
     missing = missing_operation(target, module)
     if missing is not None:

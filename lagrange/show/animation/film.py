@@ -204,7 +204,10 @@ class _FilmFigure:
 
     @cached_property
     def clear(self) -> Pixels:
-        """Pixels of the fixed parts and of all curves, opaque over their whole length; each frame copies a part."""
+        """Pixels of the fixed parts, with all curves opaque over their whole length.
+
+        Each frame copies from these pixels the part of each curve up to the time of the frame.
+        """
         self.pixels[...] = self.still
         for chart in self.charts:
             for line in chart.clear:
