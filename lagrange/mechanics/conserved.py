@@ -188,9 +188,10 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
 
 
 def _proven(equation: SymmetryEquation, candidate: Symmetry, *, complete: bool = True) -> Symmetry | None:
-    """Return `candidate` if it is proven to be a symmetry; None if there is no proof, or if the proof would be long.
+    """Return `candidate` if it is proven to be a symmetry, else None.
 
-    If `complete` is true, the candidate gets the gauge function F(q, t) that it needs.
+    The result is also None if the proof would be too long. If `complete` is true, a gauge function F(q, t) is added to
+    the candidate where the symmetry needs it.
     """
     try:
         with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):

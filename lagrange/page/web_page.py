@@ -278,7 +278,10 @@ more parameters, those of the parameters are folded, too."""
 
 
 def slider_groups(sliders: Sequence[Slider], page: FoldedFormulas) -> str:
-    """Return the HTML of the sliders in groups: chosen, parameters, initial values; `page` writes their symbols."""
+    """Return the HTML of the sliders in three groups: sliders that the user chose, parameters, and initial values.
+
+    `page` writes the symbols of the sliders.
+    """
     chosen = [(index, slider) for index, slider in enumerate(sliders) if slider.chosen]
     rest = [(index, slider) for index, slider in enumerate(sliders) if not slider.chosen]
     parameters = [pair for pair in rest if pair[1].kind == PARAMETER]

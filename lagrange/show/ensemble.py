@@ -172,7 +172,10 @@ class Ensemble:
         return label
 
     def _kept(self, column: str, name: str) -> Any:
-        """Return the kept quantity `column`. Raises StatementError, which says to add `name` to `keep`, if not kept."""
+        """Return the values of a kept quantity, `column`. Raises StatementError if it was not kept.
+
+        The message of the error tells the user to add `name` to `keep`.
+        """
         if all(kept.name != column for kept in self.columns):
             raise StatementError(f'{column} was not kept: add "{name}" to keep, as in keep=("end", "{name}").')
         return self.results.column(column)

@@ -51,8 +51,9 @@ def _below(race: Race, shown: list[Entry]) -> list[str]:
 def _draw(axis: Axes, label: str, entries: list[Entry], look: LineStyle, style: FigureStyle) -> None:
     """Draw the curve of one method: error against computing time of its runs `entries`.
 
-    `label` is its name in the legend, `look` its colour, marker and line; `style` has the figure's colours. Methods of
-    other libraries have open markers. No line leads to an error below the uncertainty of the reference.
+    `label` is the method's name in the legend, and `look` its colour, marker and line style. `style` has the colours of
+    the figure. Methods of other libraries have open markers. An error smaller than the uncertainty of the reference has
+    an open marker, to which no line leads.
     """
     rival = entries[0].method.startswith(("scipy-", "cvode"))
     common: dict[str, Any] = {"color": look.colour, "marker": look.marker, "markersize": 5.5, "markeredgewidth": 1.0}
