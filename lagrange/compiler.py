@@ -50,7 +50,10 @@ MACHINES = {"llvm": "lagrange.machine.llvm_machine:LlvmMachine", "numpy": "lagra
 
 @dataclass(frozen=True)
 class Stages:
-    """`KernelProvider` that compiles a model's functions at first use, from its `equations`, for its `machine`."""
+    """Compiles the functions of a model when they are first needed, from its `equations` and for its `machine`.
+
+    This is the `KernelProvider` of a model.
+    """
 
     equations: Equations
     machine: Machine

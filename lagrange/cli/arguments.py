@@ -38,7 +38,10 @@ class Answer:
 
 
 class Help(argparse.HelpFormatter):
-    """Formatter of help whose column of commands counts their indentation, unlike the formatter of argparse."""
+    """Formatter of the help text, whose column of command names is wide enough for indented names.
+
+    The formatter of argparse does not count the indentation.
+    """
 
     def add_argument(self, action: argparse.Action) -> None:
         """Add an argument to the help text, and widen the column of command names by the indentation."""
@@ -146,7 +149,10 @@ def load_scene(request: argparse.Namespace) -> System:
 
 
 def folder(name: str) -> Path:
-    """Return the path of a folder, created if missing. Raises StatementError for a folder that cannot be used."""
+    """Return the path of a folder to write to. The folder is created if it is missing.
+
+    Raises StatementError for a folder that cannot be used.
+    """
     if not name:
         raise StatementError("--out: the name of the folder is empty. Give one, such as --out out, or . for this one.")
     path = Path(name)

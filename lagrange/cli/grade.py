@@ -97,7 +97,10 @@ def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bo
 
 
 def _graded(system: System, path: Path) -> dict[str, Any]:
-    """Return the result for one file: the columns of the table except "student", and the fields for --json."""
+    """Return the result for one file as a dict: the columns of the table, and all fields of the comparison for --json.
+
+    Only the column "student" is missing.
+    """
     row: dict[str, Any] = {"file": str(path), "right": False, "reading": ""}
     try:
         result = system.compare(_text(path))

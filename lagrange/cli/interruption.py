@@ -22,9 +22,10 @@ UNWRITTEN, UNREAD = 1, 141
 
 
 def output(text: str, code: int) -> int:
-    """Print a text and return the exit code: `code`, or if that is 0 and writing fails `UNWRITTEN`.
+    """Print a text to standard output and return the exit code.
 
-    For a broken pipe, which is not reported, it is `UNREAD`.
+    The exit code is `code`. If `code` is 0 and writing fails, it is `UNWRITTEN`, or `UNREAD` for a broken pipe. A
+    broken pipe is not reported.
     """
     try:
         if sys.stdout is None:
@@ -72,8 +73,9 @@ _IMPORTING = "<frozen importlib"
 class Signalled(KeyboardInterrupt):
     """Exception: a signal asked the program to end.
 
-    A plain KeyboardInterrupt would not do: if it ends code that `exec` runs, as in the definition of a named tuple,
-    Python kills the process with SIGINT at its end, even if the exception was caught.
+    It is a subclass of KeyboardInterrupt, because Python treats a plain KeyboardInterrupt specially. If that ends code
+    that `exec` runs, such as the definition of a named tuple, Python kills the process with SIGINT at its end, even if
+    the exception was caught.
     """
 
     def __init__(self, number: int) -> None:

@@ -61,7 +61,10 @@ def run(request: argparse.Namespace) -> Answer:
 
 
 def _times(system: System, run_arguments: dict[str, Any], points: int | None) -> Any:
-    """Return `points` equally spaced times from 0 to the end of the run `run_arguments`; None if `points` is None."""
+    """Return `points` equally spaced output times from 0 to the end of a run, or None if `points` is None.
+
+    `run_arguments` are the keyword arguments of the run.
+    """
     import numpy as np
 
     return None if points is None else np.linspace(0.0, _end(system, run_arguments), points)
@@ -205,7 +208,8 @@ def ensemble(request: argparse.Namespace) -> Answer:
 def _target(request: argparse.Namespace) -> Path | None:
     """Return the path of the file or folder that --out names, or None without --out.
 
-    Raises StatementError for an unknown suffix or an unwritable file before the runs, which may take long.
+    Raises StatementError for an unknown suffix, and for a file that cannot be written. The check is made before the
+    runs, which may take long.
     """
     if request.out is None:
         return None
@@ -262,8 +266,9 @@ def _drawn(
 ) -> str | None:
     """Return the name of the quantity that the picture of an ensemble shows, or None for the default.
 
-    `out` is the file, `axes` has (low, high, count) of varied quantities, `known` are names that can be drawn, `points`
-    is the number of output times or None. Raises StatementError for options that do not fit.
+    `out` is the file to write, and `axes` has (low, high, count) of each varied quantity by name. `known` are the
+    names that can be drawn, and `points` is the number of output times, or None. Raises StatementError for options that
+    do not fit each other.
     """
     ending = "" if out is None else out.suffix.lower()
     if ending not in PICTURES:

@@ -60,9 +60,10 @@ MAIN_RTOL = 1e-12  # Relative tolerance of `main`, unless that of the scene is t
 
 @dataclass(frozen=True)
 class ExportContents:
-    """The contents of an export: names of `quantities`, and for `methods` pairs (name, step program).
+    """The contents of an export: names of quantities, and pairs of the name of a method and its step program.
 
-    `main` is True for a program or model that runs from the initial state, `taylor` for the Taylor integrator.
+    `main` is True if a program or model that runs from the initial state is exported. `taylor` is True if the Taylor
+    integrator is exported.
     """
 
     quantities: tuple[str, ...]
@@ -159,7 +160,8 @@ def _refuse(
 def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -> None:
     """Raise StatementError if an input, a known function of time without a formula, has no value in `parameters`.
 
-    Inputs are constant during an exported run, so their derivatives are zero and need no values.
+    An exported run needs the values, because inputs are constant during the run. The derivatives of an input need no
+    values, because they are zero.
     """
     if isinstance(parameters, np.ndarray):  # an array has the values of all parameters
         return

@@ -45,7 +45,10 @@ class ExportedQuantity:
 
 @dataclass(frozen=True, eq=False)
 class ExportedIntegrator:
-    """Exported integrator, called as `procedure`: for one step, or for a run to an end time if `adaptive`."""
+    """An exported integrator: a function for one step, or for a run to an end time if `adaptive`.
+
+    The exported function has the parameters of `procedure`.
+    """
 
     name: str
     procedure: Procedure
@@ -387,7 +390,10 @@ def columns(module: SourceModule) -> str:
 
 
 def run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator]:
-    """Return the run of `main` and its integrator, the module's first one with error control; both must exist."""
+    """Return the run of the exported program `main`, and its integrator, the first one with error control.
+
+    The module must have a run.
+    """
     assert module.run is not None
     return module.run, next(integrator for integrator in module.integrators if integrator.adaptive)
 

@@ -51,7 +51,10 @@ class Fields(Template):
 
 @cache
 def templates(language: str) -> Mapping[str, Fields]:
-    """Return the templates in the file of a language by name; a line such as "@@@ head" precedes each of them."""
+    """Return the templates of a language by name, from its file in the folder `templates`.
+
+    A line such as "@@@ head" precedes the template of this name.
+    """
     text = resources("lagrange.export").joinpath("templates", f"{language}.txt").read_text("ascii")
     _, *parts = re.split(r"^@@@ ([\w ]+)\n", text, flags=re.MULTILINE)
     return dict(zip(parts[::2], map(Fields, parts[1::2]), strict=True))
@@ -122,9 +125,10 @@ def marked(mark: str) -> Callable[[str], Sequence[str]]:
 
 
 def test_text(module: SourceModule, script: Script, **extra_fields: object) -> str:
-    """Return the text of the self-test, which compares results of exported functions with results of 40 digits.
+    """Return the text of the self-test, a program that compares results of the exported functions with expected ones.
 
-    `extra_fields` are values for further fields of the templates of `script`.
+    The expected results of quantities were computed in multiple precision. `extra_fields` are values for further
+    fields of the templates of `script`.
     """
     fields = {**fields_of(module), **extra_fields}
     text = ["\n".join([*script.comment(f"Self-test of {module.name}. {TEST} Exit status 0 if all are right."), "", ""])]
@@ -153,7 +157,10 @@ def fields_of(module: SourceModule) -> dict[str, object]:
 
 
 def _named(name: str, script: Script, lists: Mapping[str, Sequence[float]]) -> dict[str, str]:
-    """Return the fields of a test: its name, its quoted name, and tables of the numbers in `lists`, by table name."""
+    """Return the values for the template of a test: its name, its name in quotes, and its tables of numbers.
+
+    `lists` maps the name of each table to its numbers.
+    """
     tables = ""
     for table, values in lists.items():
         for begin in range(0, len(values), script.chunk or len(values) or 1):

@@ -271,7 +271,10 @@ class StraightLinePrinter:
 def with_outputs(
     program: Program, code: tuple[Instruction, ...], outputs: tuple[int, ...], hoisted: int = 0
 ) -> Program:
-    """Return a program with new `code` and `outputs`; the first `hoisted` instructions depend on parameters alone."""
+    """Return a copy of a program with the instructions `code` and the results `outputs`.
+
+    The first `hoisted` of these instructions depend only on parameters.
+    """
     return replace(
         program,
         instructions=code,

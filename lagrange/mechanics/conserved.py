@@ -319,7 +319,10 @@ class QuantityRates:
 
 
 def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRates]:
-    """Return the time derivatives of each expression in q, v and t at random states, along the compiled motion."""
+    """Return the time derivatives of expressions in q, v and t along the compiled motion, at random states.
+
+    The result has one object for each expression.
+    """
     points = [*islice(usable(random_points(model.statement, 17), lambda point: _placed(model, point)), RATE_STATES)]
     terms = [_rate_terms(model, expression) for expression in expressions]
     if not points or not any(terms):

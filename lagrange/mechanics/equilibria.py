@@ -467,8 +467,9 @@ def _steady_rotations(
 def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]) -> list[Equilibrium]:
     """Return the motions in which a body turns steadily at `rate` about the axis of space with index `axis`.
 
-    The unknowns are angles, the last one about an axis of symmetry. They are singular at two tilts, the poles, for
-    which other angles are used. `others` maps other ignorable coordinates to their constant velocities.
+    The unknowns are angles of the body. The last angle turns the body about its axis of symmetry, if it has one. These
+    angles are singular at two tilts, the poles, where a factor such as sin(tilt) is zero. For the poles the equations
+    are solved again in another set of angles. `others` maps other ignorable coordinates to their constant velocities.
     """
     chart, third = cache(lambda last: _Angles(statement, axis, last)), (axis + 2) % 3
     if chart(axis).angles[0] not in chart(axis).free:

@@ -56,7 +56,8 @@ BALANCED_FORCE = 1e-8  # Largest residual force at an equilibrium in decimals, r
 class StatedPoint:
     """The point about which a system is expanded or linearised, in expressions of parameters.
 
-    `q`, `v` and `inputs` are the values of coordinates, velocities and inputs; `form` is the plain statement.
+    `q` and `v` are the values of the n coordinates and the n velocities. `inputs` maps each input to its value. `form`
+    is the statement in plain symbols.
     """
 
     form: PlainForm
@@ -149,7 +150,10 @@ class StatedPoint:
         return side.replace(lambda node: node.is_Piecewise, chosen)
 
     def _rounded(self, above: Any, below: Any) -> bool:
-        """Return True if the formulas on the two sides of a corner, `above` and `below`, differ only by rounding."""
+        """Return True if two expressions differ at the point only by rounding of decimals.
+
+        `above` and `below` are the formulas on the two sides of a corner.
+        """
         if not above.has(sympy.Float):
             return False
         values = {**dict.fromkeys(self.form.a, sympy.S.Zero), **self.numbers, **self.table}
@@ -258,7 +262,10 @@ def stated_point(
 
 
 def with_lengths(statement: Statement) -> Statement:
-    """Return the statement with quaternions as plain coordinates; constraints keep the quaternions at length one."""
+    """Return the statement with the entries of quaternions as plain coordinates, in place of rotations.
+
+    A constraint keeps the length of each quaternion at one.
+    """
     lengths = (
         Constraint(f"{each.name}_length", (sum(q**2 for q in each.quaternion) - 1) / 2, holonomic=True)
         for each in map(rotation_of, statement.rotations)
@@ -273,7 +280,10 @@ _SIZE = sympy.Dummy("size", real=True)
 
 
 def small(statement: Statement, about: Any, order: Any) -> Statement:
-    """Return the statement expanded about a point `about`, to `order` in deviations of positions and velocities."""
+    """Return the statement expanded about the user's point `about`, to `order` in deviations from it.
+
+    The deviations are changes of coordinates and velocities.
+    """
     return _StatementExpansion(stated_point(statement, about), whole_number(order, "order", 2, HIGHEST)).statement()
 
 
@@ -340,7 +350,10 @@ class _StatementExpansion:
         return self.form.written(total)
 
     def collected(self, term: Any) -> Any:
-        """Return a polynomial in deviations from the point, rewritten in coordinates and velocities and simplified."""
+        """Return a polynomial in deviations from the point, written in coordinates and velocities.
+
+        The coefficients are simplified.
+        """
         polynomial = sympy.Poly(sympy.expand(term), *self.changes)
         differences = [symbol - value for symbol, value in zip(self.symbols, self.values, strict=True)]
         return sympy.Add(

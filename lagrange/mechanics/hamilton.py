@@ -108,9 +108,10 @@ def _inverted(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> 
 
 
 def half_square(mass: Any, inverted: tuple[Any, Any], column: Any) -> Any:
-    """Return c M^-1 c/2 for a `column` c and a `mass` matrix M, as one fraction or a shorter sum of squares.
+    """Return c M^-1 c/2 for a `column` c and a `mass` matrix M, in its shortest form.
 
-    `inverted` are the adjugate and the determinant of M.
+    The form is one fraction, or a sum of squares if the sum is shorter, as for a top. `inverted` are the adjugate and
+    the determinant of M.
     """
     adjugate, determinant = inverted
     above, below = sympy.fraction(simplest((column.T * adjugate * column)[0] / (2 * determinant)))
@@ -307,9 +308,10 @@ class Hamiltonian(ShownAsPage):
 
 
 def hamiltonian(statement: Statement, model: Model, system_of: Callable[[Statement], Any]) -> Hamiltonian:
-    """Return Hamilton's form of a statement, tested against its `model`; `system_of` returns a statement's System.
+    """Return Hamilton's form of a statement, tested against its compiled `model`.
 
-    Raises StatementError for constraints, rotations, and momenta that do not determine the velocities.
+    `system_of` returns the System of a statement. Raises StatementError for constraints and rotations, and if the
+    momenta do not determine the velocities.
     """
     if statement.constraints:
         raise StatementError(
@@ -332,9 +334,10 @@ def hamiltonian(statement: Statement, model: Model, system_of: Callable[[Stateme
 def _record(
     form: PlainForm, momenta: list[Any], legendre: Legendre, system_of: Callable[[Statement], Any]
 ) -> Hamiltonian:
-    """Return the `Hamiltonian` of a Legendre transform; `system_of` returns the System of a statement.
+    """Return the `Hamiltonian` of a Legendre transform, with a statement in coordinates and momenta.
 
-    `momenta` are functions of time p_q, in place of the symbols in `legendre`.
+    `momenta` are functions of time p_q, in place of the symbols in `legendre`. `system_of` returns the System of a
+    statement.
     """
     statement = form.statement
     back = dict(zip(legendre.symbols, momenta, strict=True))

@@ -225,7 +225,10 @@ SAME_SQUARE = 0.9
 
 
 def has_inertia(lin: Linearization) -> bool:
-    """Return True if the mass matrix M is regular; long formulas are tested at `SAMPLES` random values of symbols."""
+    """Return True if the mass matrix M is regular.
+
+    A matrix with long formulas is regular if its rank is full at one of `SAMPLES` random values of its symbols.
+    """
     if not has_long_formulas(lin):
         return not is_zero(lin.M.det(method="berkowitz"))
     masses = (numeric(lin.M, sample) for sample in islice(random_values(lin.M.free_symbols), SAMPLES))

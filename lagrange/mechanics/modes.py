@@ -168,7 +168,10 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
 
 
 def _values_of(*matrices: Any) -> Mapping[Any, Any]:
-    """Return distinct arbitrary numbers for all symbols in matrices, {symbol: number}, to sort frequencies by."""
+    """Return distinct, arbitrary numbers for all symbols in matrices, by symbol.
+
+    With these numbers frequencies can be sorted although parameters have no values.
+    """
     return distinct_values(s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str))
 
 
@@ -293,7 +296,10 @@ def _neat(expression: Any) -> Any:
 
 
 def _shape(matrix: Any, skipped: int) -> Any:
-    """Return null vector number `skipped` of a matrix, with 1 as first non-zero entry; None if there are too few."""
+    """Return the null vector number `skipped` of a matrix, scaled to 1 as first non-zero entry.
+
+    The result is None if the matrix has no more than `skipped` null vectors.
+    """
     adjugate = matrix.adjugate()
     values = _values_of(matrix)
     sizes = [abs(number(x, values)) for x in adjugate]

@@ -243,7 +243,8 @@ def _without(statement: Statement, name: str, replacement: Any) -> Statement:
 def _check_initial(statement: Statement, name: str, solved: Any) -> None:
     """Raise StatementError if initial values contradict `solved`, the expression for the coordinate `name`.
 
-    Coordinate and velocity are compared, unless they are 0, the default, or a parameter has no value.
+    The coordinate and its velocity are compared. Zeros are not, since zero is the default; and nothing is compared if a
+    parameter has no value.
     """
     plain, n = statement.plain, len(statement.coordinates)
     state = zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True)

@@ -122,9 +122,10 @@ def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | No
 
 
 def _linear(factor: Any, present: Sequence[Any]) -> list[tuple[Any, Any]] | None:
-    """Return [(unknown, value)] for a factor that is linear in one of its unknowns `present`, or None for others.
+    """Return [(unknown, value)] for a factor that is linear in an unknown, or None for any other factor.
 
-    The coefficient must contain no unknowns. A factor sin(a - b) gives two values.
+    The coefficient of the unknown must contain no unknowns. A factor sin(a - b) gives two values. `present` are the
+    unknowns in the factor.
     """
     for x in present:
         slope = sympy.expand(factor.diff(x))
@@ -180,7 +181,10 @@ def _inverse(function: Any, value: Any) -> list[Any]:
 
 
 def _tangent(factor: Any, argument: Any) -> list[Any] | None:
-    """Return the two angles in one period at which `factor` = a sin + b cos of `argument` is zero; else None."""
+    """Return the two angles in one period at which `factor`, a sin + b cos of `argument`, is zero.
+
+    The result is None for a factor of another form.
+    """
     s, c = sympy.sin(argument), sympy.cos(argument)
     first, second = sympy.Symbol("first"), sympy.Symbol("second")
     whole = sympy.expand(factor.xreplace({s: first, c: second}))

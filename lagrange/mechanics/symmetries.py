@@ -43,7 +43,10 @@ or from the equator."""
 
 @dataclass(frozen=True, eq=False)
 class BodyPosition:
-    """Position `r` and velocity `v` of a body with L = mass |v|^2 / 2 + `rest`; `rest` is at most linear in v."""
+    """Position `r` and velocity `v` of a single body with T = mass |v|^2 / 2, in plain symbols.
+
+    `rest` is L - T, which is at most linear in velocities.
+    """
 
     mass: Any
     r: tuple[Any, ...]
@@ -118,7 +121,10 @@ def oriented(
 
 
 def _motion(stated: StatedAlgebra, symmetry: Symmetry, body: BodyPosition) -> tuple[str, int] | None:
-    """Return (name of the quantity, sense 1 or -1) for a rotation of the body or a shift along an axis, else None."""
+    """Return (name of the quantity, sense 1 or -1) of a rotation of the body about an axis, or a shift along an axis.
+
+    The result is None for other symmetries.
+    """
     moved = Matrix([sum((x.diff(q) * xi for q, xi in zip(stated.q, symmetry.xi, strict=True)), S.Zero) for x in body.r])
     for k, axis in enumerate("xyz"):
         unit = Matrix([int(j == k) for j in range(3)])
@@ -147,7 +153,10 @@ def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
 
 
 def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
-    """Return (name of the quantity, sense 1 or -1) for a rotation in coordinate pairs such as (x1, y1), else None."""
+    """Return (name of the quantity, sense 1 or -1) of a rotation in pairs of coordinates such as x1 and y1.
+
+    The result is None for other symmetries.
+    """
     names = dict(zip(stated.q, stated.statement.names, strict=True))
     axes: dict[tuple[str, int], None] = {}
     for q, xi in zip(stated.q, symmetry.xi, strict=True):
@@ -208,7 +217,10 @@ class Symmetry:
 
 
 class SymmetryEquation:
-    """Tests candidates for symmetries of a statement and finds gauge functions; `forces` are dL/dq + Q - dD/dv."""
+    """Condition for symmetries of a statement: it tests candidates and finds their gauge functions.
+
+    `forces` are dL/dq + Q - dD/dv, as sums of monomials.
+    """
 
     def __init__(self, stated: StatedAlgebra) -> None:
         self.stated = stated
@@ -248,7 +260,10 @@ class SymmetryEquation:
         return not vanishes_in_symbols(printable(self.stated.algebra.write(terms)))
 
     def _gauge(self, defect: MonomialSum) -> Any:
-        """Return F(q, t) with dF/dt = `defect`, integrated from its derivatives one by one; zero if none is found."""
+        """Return F(q, t) with dF/dt equal to the `defect`, or zero if none is found.
+
+        The derivatives of F, read from the defect, are integrated one after another.
+        """
         stated, algebra = self.stated, self.stated.algebra
         gauge, left = S.Zero, defect
         slopes = [algebra.merge_angles(algebra.differentiate(defect, v)) for v in stated.v]
@@ -360,7 +375,10 @@ def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
 
 
 def body_motions(stated: StatedAlgebra, position: BodyPosition) -> Iterator[Symmetry]:
-    """Yield candidates for symmetries of a body at `position`: shifts along and rotations about fixed axes."""
+    """Yield shifts and rotations of a single body that may be symmetries, along and about fixed axes.
+
+    `position` is the position of the body in curvilinear coordinates.
+    """
     if position.r == tuple(stated.q):
         return
     r = Matrix([*position.r, *([S.Zero] * (3 - len(position.r)))])

@@ -63,7 +63,10 @@ class Drawn(ABC):
 
     @abstractmethod
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure of the result, on Matplotlib's axes `ax` if given, in the `style` "light" or "dark"."""
+        """Return the figure of the result, drawn on Matplotlib's axes `ax` if they are given.
+
+        `style` is "light" or "dark".
+        """
 
     @abstractmethod
     def _lines(self) -> list[tuple[str, str]]:
@@ -134,7 +137,10 @@ class Bifurcation(Drawn, SweepData):
     """States of a driven system along a parameter, sampled after the transient; a result of `lagrange.bifurcation`."""
 
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure of the bifurcation diagram: sampled values of the state's `entry` against the parameter."""
+        """Return the figure of the bifurcation diagram: the sampled states against the parameter.
+
+        `entry` is the entry of the state to draw.
+        """
         return plot_sweep(self, entry, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -153,7 +159,10 @@ class EquilibriumBranches(Drawn, BranchesData):
     """Branches of equilibria along a parameter; the result of `lagrange.bifurcation` without driving or section."""
 
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure of the coordinate `entry` along the parameter: a line per branch, dashed where unstable."""
+        """Return the figure of equilibria along the parameter: a line for each branch, dashed where unstable.
+
+        `entry` is the coordinate to draw.
+        """
         return plot_branches(self, entry, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:

@@ -282,7 +282,10 @@ class Ensemble:
         return xarray.Dataset(data, coords=coordinates, attrs=attributes)
 
     def _start_name(self, label: str) -> str:
-        """Return the name of a varied quantity in a Dataset: with t_eval coordinates get the suffix _start."""
+        """Return the name of the varied quantity `label` in a Dataset.
+
+        With t_eval the initial values of a coordinate have the suffix _start.
+        """
         return label if self.problem.t_eval is None else start_name(label, self.names)
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:

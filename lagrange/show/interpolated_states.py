@@ -22,9 +22,10 @@ STATE_NOISE = 1e-9  # Rounding noise, relative to the largest entry of all state
 
 
 def stored_between(run: Trajectory) -> dict[str, FloatArray]:
-    """Return the times `t_between` (K,) and states `y_between` (2n, K) that a file stores between the outputs.
+    """Return the arrays that a file stores for times between the outputs of a run: `t_between` and `y_between`.
 
-    The dict is empty if the run has no dense output or would make a large file.
+    `t_between` (K,) are the times, `y_between` (2n, K) the states. They are empty if the run has no dense output or
+    would make a large file.
     """
     parts = -(-PER_STEP * run.steps // max(len(run.t) - 1, 1))
     if known_alone(run) is not None or len(run.t) < 2 or parts * len(run.t) > MOST_STORED:

@@ -170,7 +170,10 @@ RESERVED = (
 
 @dataclass(frozen=True)
 class CNames:
-    """Names of a module in C with a common `prefix`; `needed` are the operations whose definitions the file needs."""
+    """Names of a module in C: the names of all functions and records begin with `prefix`.
+
+    `needed` collects the operations whose definitions the file needs.
+    """
 
     prefix: str
     needed: dict[str, None] = field(default_factory=dict)

@@ -343,7 +343,10 @@ class Fmu(Target):
 
 
 def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
-    """Return the files in an FMU of FMI `major` (2 or 3) by name, with a compiled library if there is a C compiler."""
+    """Return the files in an FMU by name, for version `major` of FMI, 2 or 3.
+
+    They include a compiled library if a C compiler is installed.
+    """
     inside = resources("lagrange.export").joinpath("fmu")
     sources = {
         f"{module.name}.h": header(module),

@@ -225,8 +225,9 @@ def compare_equations(
 ) -> EquationsComparison:
     """Return the comparison of a user's equations with the equations of motion of a statement.
 
-    `derivation` has the right equations, `write` returns the text of an expression, and the coordinates named in
-    `distances` are positive. Raises StatementError if an equation is nonlinear in accelerations.
+    `derivation` has the right equations. `write` turns an expression into text for messages. `distances` are the names
+    of coordinates that are positive in the comparison. Raises StatementError if an equation is not linear in the
+    accelerations.
     """
     samples = motion_samples(statement, SAMPLES, positive=distances)
     likeliest = [_likeliest(equation, statement, samples) for equation in equations]
@@ -481,8 +482,9 @@ def _blamed(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> tuple[tup
 def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, doubted: bool) -> str:
     """Return the end of a message on motions that right equations leave undetermined, or on missing constraints, or "".
 
-    An equation without accelerations is differentiated in time first. The length of a quaternion needs no equation.
-    Constraints need not be repeated, unless the answer is `doubted`: an additional relation in it does not hold.
+    An equation without accelerations is replaced by its first or second time derivative. The length of a quaternion
+    needs no equation. Constraints are part of the statement and need not be repeated. They are required only if the
+    answer is `doubted`: if an additional relation in it, such as a wrong constraint, does not hold.
     """
     statement = rows[0].statement
     names = [rotation_name(q) or name_of(q) for q in statement.coordinates]
@@ -538,7 +540,10 @@ def _free(matrix: Sequence[Sequence[float]], names: Sequence[str]) -> list[str]:
 def _refuted(
     rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample], named: str
 ) -> EquationsComparison:
-    """Return the result with the message `named` for an answer in which the equations `wrong` (indices) fail."""
+    """Return the result for an answer in which the equations with the indices `wrong` do not hold.
+
+    `named` is the message that names the fault.
+    """
     row, names, example, details = rows[wrong[0]], rows[0].statement.names, dict[str, float](), ""
     accelerations = [f"{name}_ddot" for name in names]
     for sample in (sample for sample in samples if not row.holds([sample])):

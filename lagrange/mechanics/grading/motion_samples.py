@@ -106,7 +106,10 @@ class MotionStates:
         self._surface, self.reference = ConstraintSurface(statement), Reference(statement, self.indices)
 
     def satisfied(self, point: SamplePoint) -> SamplePoint:
-        """Return a nearby state that satisfies all constraints and first-order equations, else raise OutsideDomain."""
+        """Return a state near `point` that satisfies the constraints and first-order equations.
+
+        Raises OutsideDomain if none is found.
+        """
         if self._surface.holonomic:
             moved = self._surface.nearest(point.q, point.v, point.t, point.parameters)
             q, v = (tuple(0.0 if abs(x) < ROUND_OFF else x for x in entries) for entries in moved)

@@ -82,9 +82,10 @@ def _all_hold(zeros: Sequence[Any], statement: Statement, *choices: Sequence[Mot
 
 
 def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
-    """Return a sentence if the equations `zeros` = 0 are right after linearization about zero coordinates, else "".
+    """Return a sentence if the equations are right after linearization about zero coordinates, else "".
 
-    Systems with rotations give "", because the entries of a quaternion cannot all be zero.
+    The equations are `zeros` = 0. A system with rotations gives "", because the entries of a quaternion cannot all be
+    zero.
     """
     moving = set(statement.plain.values())
     if statement.rotations or any(
@@ -122,7 +123,10 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
 
 
 def _slips(zeros: Sequence[Any], parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
-    """Yield common slips that the equations `zeros` = 0 with these `parameters` may contain, the most common first."""
+    """Yield common slips that the equations `zeros` = 0 may contain, the most common first.
+
+    `parameters` are the parameters in the equations.
+    """
     for p in parameters:
         if _has_direction(p, statement):
             yield f"All is right with -{p} in place of {p}: check the direction in which {p} is counted.", {p: -p}
@@ -256,9 +260,9 @@ _DECIMAL = re.compile(r"(?<![\w.])[0-9]*\.[0-9]+(?:e[+-]?[0-9]+)?(?!\w)")
 def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> StudentEquation | None:
     """Return an equation with exact numbers in place of decimals, if it then holds at all samples; else None.
 
-    The equation's `note` is a sentence on these numbers. They replace decimals that are rounded to enough digits: 0.667
-    becomes 2/3, and 0.666 stays. SymPy multiplies the decimals in a product, so the result is assumed to be as precise
-    as the most precise decimal of the equation.
+    The equation's `note` is a sentence on these numbers. They replace decimals that are rounded from them and have
+    enough digits: 0.667 becomes 2/3. A number that was cut off, such as 0.666, remains. SymPy multiplies the decimals
+    in a product, so the result is assumed to be as precise as the most precise decimal of the equation.
     """
     equation = row.equation
     typed = [Decimal(text) for text in _DECIMAL.findall(equation.read)]

@@ -124,8 +124,9 @@ class _EquationReader:
     def reader(self, text: str, what: str = "") -> tuple[TypedReader, dict[Any, Any]]:
         """Return a reader for a text, and {multiplier: symbol of the letter that the text uses for it}.
 
-        In a system with one constraint the multiplier may be another letter, such as T for a force, if the unknown
-        names in the text leave only one candidate. `what` is the label of the text in messages.
+        For a system with one constraint, the text may use another letter for the multiplier, such as a letter for a
+        force. It is recognised if the unknown names in the text leave only one candidate. `what` is the label of the
+        text in messages.
         """
         words = {canonical(word) for word in WORD.findall(text)}
         reader, letters = TypedReader(self.names, self.others), [letter for letter in self.spellings if letter in words]
@@ -397,7 +398,10 @@ class EquationRow:
         return sum(terms) + rest, sum(map(abs, terms)) + max(abs(rest), sum(map(abs, parts))) + rounding
 
     def holds(self, samples: Sequence[MotionSample]) -> bool:
-        """Return True if the true motion satisfies the equation at all samples where it has a value (at least one)."""
+        """Return True if the true motion satisfies the equation at every sample at which the equation has a value.
+
+        The result is False if there is no such sample.
+        """
         tried = False
         for sample in samples:
             with suppress(OutsideDomain):

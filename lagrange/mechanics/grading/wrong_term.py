@@ -129,8 +129,9 @@ def _compared(
 ) -> Iterator[tuple[Any, list[int], list[int]]]:
     """Yield (factor, unmatched, missing) for comparisons of the terms of an equation with a factor times right terms.
 
-    `unmatched` are the indices of `typed` terms that match no right term, `missing` those of `right` terms that match
-    no typed term. The factor is the quotient of a typed and a right term; each pair is tried.
+    `unmatched` are the indices of entries of `typed` that match no right term. `missing` are the indices of entries of
+    `right` that match no typed term. There is one comparison for each pair of a typed and a right term, whose quotient
+    is the factor.
     """
     if len(typed) + len(right) > MOST_MATCHED:
         return
@@ -184,8 +185,9 @@ def _pairs(
 ) -> list[tuple[int, Any, Any]]:
     """Return (side, typed term, right term) for each wrong or missing term of the equation `row`.
 
-    `unmatched` are (side, wrong term), and `missing` the missing terms on the left side. Terms with the most factors in
-    common are paired, others with zero, in the typed order. A right term has the sign of its side.
+    `unmatched` are the wrong terms, as (side, term), and `missing` the missing ones, as terms of the left side. Terms
+    with the most factors in common are paired. A term without a partner is paired with zero. The typed terms keep their
+    order. A right term in the result has the sign of its side.
     """
     partners, alone = dict[int, Any](), list(missing)
     bases = [set(term.as_powers_dict()) for _, term in unmatched]
@@ -329,7 +331,10 @@ def _factor_ending(factor: Any, write: Write) -> str:
 
 
 def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence on an expression under a typed d/dt that should be a constant times a momentum, or else ""."""
+    """Return a sentence on a wrong expression under a typed d/dt, or "".
+
+    It is wrong if the equation holds with a constant times a momentum in its place.
+    """
     statement, momenta = row.statement, list[Any]()
     with suppress(StatementError):
         momenta = [p.xreplace(statement.plain) for p in derivation.momenta.values()]
@@ -356,7 +361,10 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
 
 
 def _wrong_term_of_momentum(row: EquationRow, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence on a term under a typed d/dt that has a wrong sign or a wrong factor 2 or 1/2, or else ""."""
+    """Return a sentence on a term under a typed d/dt with a wrong sign or factor 2 or 1/2, or "".
+
+    Terms without a velocity are tried first.
+    """
     velocities, ratios = list(row.statement.plain.values())[1::3], (Fraction(-1), Fraction(2), Fraction(1, 2))
     for typed in dict.fromkeys(row.equation.differentiated):
         terms = sorted(typed.args if typed.is_Add else (), key=lambda term: term.has(*velocities))

@@ -89,9 +89,10 @@ def checked_options(size: Any, trail: Any) -> tuple[tuple[int, int] | None, floa
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """R curves with S samples for one panel over time: `rows` (R, S), with labels, colours, and a `title` with unit.
+    """R curves with S samples for one panel over time: `rows` (R, S), with their labels and colours.
 
-    Changes of a curve that are rounding noise relative to `size` are drawn as a level line.
+    `title` is the title of the panel, with the unit. A curve is drawn as a level line if its changes are rounding noise
+    relative to `size`.
     """
 
     title: str
@@ -407,7 +408,10 @@ class MovingScene:
 
 
 class Pen:
-    """Draws in a panel with Matplotlib's renderer, ten times faster than artists; `paper` is the background colour."""
+    """Draws lines and marks in a panel directly with Matplotlib's renderer, ten times as fast as with artists.
+
+    `paper` is the colour of the background.
+    """
 
     def __init__(self, renderer: Any, axis: Axes, paper: str) -> None:
         from matplotlib.colors import to_rgb

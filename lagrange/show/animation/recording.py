@@ -148,7 +148,10 @@ class Recording:
 
     @property
     def zero(self) -> float:
-        """Energy subtracted from V and E for drawing: the least V if curves would look like straight lines, else 0."""
+        """Energy that is subtracted from V and E for drawing: 0, or the least V.
+
+        The least V is subtracted if the curves would otherwise look like straight lines.
+        """
         if len(self.energies) < 2:
             return 0.0
         rows, least = np.array([*self.energies.values()]), float(self.energies["V"].min())
@@ -257,7 +260,10 @@ def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str
 
 
 def _jumps(solution: Solution, t: FloatArray) -> NDArray[np.intp]:
-    """Return the indices (k,) of samples, at times `t`, after which an event sets states or parameters."""
+    """Return the indices (k,) of the samples after which a curve jumps, because an event sets states or parameters.
+
+    `t` are the times of all samples.
+    """
     run = solution.trajectory
     times = [np.empty(0)] if run.history is None else [run.history.begins[1:]]
     if known_alone(run) is None:

@@ -122,7 +122,8 @@ def times_in_sight(solution: Solution, values: Rows) -> tuple[FloatArray, str]:
 def limits_of(windows: Sequence[AxisWindow | None], drawn: Sequence[FloatArray]) -> tuple[float, float] | None:
     """Return the limits of a panel for several curves, or None if the panel shows all curves completely.
 
-    `windows` has limits for each curve, or None for a complete one; `drawn` has the values of each curve.
+    `windows` has the limits for each curve, None for a curve that is shown completely. `drawn` has the values of each
+    curve.
     """
     if all(window is None for window in windows):
         return None
@@ -177,7 +178,8 @@ class Pixels:
 def first_times(run: Trajectory) -> FloatArray:
     """Return the times (K,) at which a curve is sampled first: all outputs, and times between the outputs.
 
-    Of very many outputs some are chosen at irregular distances, since equal ones could hide an oscillation.
+    Of very many outputs some are selected, at irregular distances. With equal distances an oscillation could look
+    slower than it is.
     """
     t = run.t
     if len(t) > MOST_SAMPLES:

@@ -122,7 +122,10 @@ def _field(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
 
 
 def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]:
-    """Return an orbit as a line x, y (k,) on the portrait's plane, exact within a pixel; NaN where an angle wraps."""
+    """Return an orbit as a line on the plane of the portrait, x and y (k,), exact within a pixel.
+
+    The line is cut where an angle wraps; NaN separates its pieces.
+    """
     first, second = portrait.plane
     rows = [first.row, second.row]
     pieces = []

@@ -114,7 +114,10 @@ def label_of(runs: Ensemble, name: str) -> str:
 
 
 def first_drawn(runs: Ensemble) -> str:
-    """Return the default quantity: the first kept one with one number per member, else a coordinate, else a time."""
+    """Return the name of the quantity to draw by default.
+
+    It is the first kept quantity with one number for each member, else the first coordinate, else a time.
+    """
     shapes = {column.name: column.shape for column in runs.columns if column.name not in (STATUS, TIME)}
     if numbers := [name for name, shape in shapes.items() if name not in (STATE, OUTPUTS) and not shape]:
         return numbers[0]

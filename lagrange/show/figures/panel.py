@@ -206,7 +206,10 @@ def violation(solution: Solution) -> PanelQuantity:
 
 
 def expression(solution: Solution, stated: Any) -> PanelQuantity:
-    """Return the quantity of a panel for the expression `stated`, which may contain accelerations and multipliers."""
+    """Return the quantity for a panel that shows the expression `stated` in the symbols of a system.
+
+    The expression may contain accelerations and multipliers, too.
+    """
     label = row_label(stated)
     if label in solution.names:
         return _group(solution.model.statement, [label.removesuffix("_dot")], rate=label.endswith("_dot"))
@@ -300,7 +303,8 @@ class Curves:
 class TimePanel:
     """Panel of one quantity over time, for one or several runs of systems with the same coordinates.
 
-    `quantities` has the quantity of each run, `labels` names of runs. A `wide` panel is higher with a large title.
+    `quantities` has the quantity for each run. `labels` are the names of the runs in the legend. A `wide` panel is
+    higher and has a larger title.
     """
 
     quantities: tuple[PanelQuantity, ...]

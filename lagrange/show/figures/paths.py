@@ -449,9 +449,10 @@ class PathPanel:
         return dict(zip(run.moving, point_look(len(run.moving), style.colours)[0], strict=True))
 
     def _frame(self, axis: Axes, runs: list[Paths], bounds: FloatArray) -> None:
-        """Set the limits of the panel, with a margin around `bounds` (2, d), the least and largest coordinates.
+        """Set the limits of the panel, with a margin around all points of the paths `runs`.
 
-        Paths of `runs` that are only rounding noise do not fill the panel.
+        `bounds` (2, d) are their least and largest coordinates. Paths that are only rounding noise do not fill the
+        panel.
         """
         axis.margins(AXIS_MARGIN)
         still = float(np.ptp(bounds, axis=0).max()) <= LEVEL_RANGE * float(np.abs(bounds).max(initial=0.0))

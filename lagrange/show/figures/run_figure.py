@@ -32,10 +32,11 @@ _MOST_PHASES = 9  # Largest number of phase planes in one figure
 
 
 class Contents:
-    """Chooses the panels of a figure of runs, whose names are `labels`.
+    """Chooses the panels of a figure of runs.
 
-    `of` is a coordinate or a list of them, by symbol or name, or None for all. With `merged` all coordinates share one
-    panel, and so do all velocities. Raises StatementError for anything in `of` that is not a coordinate.
+    `labels` are the names of the runs. `of` is a coordinate or a list of coordinates, by symbol or name, or None for
+    all. With `merged` all coordinates share one panel, and so do all velocities. Raises StatementError for anything in
+    `of` that is not a coordinate.
     """
 
     def __init__(self, solutions: Sequence[Solution], labels: Sequence[str], of: Any, *, merged: bool) -> None:
@@ -254,7 +255,10 @@ def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: 
 
 
 class _Left:
-    """Left part of a figure: panels with a common time axis, in two columns if many, above horizontal paths."""
+    """Left part of a figure: panels over time with a common time axis, above panels of paths along a horizontal line.
+
+    Many panels of coordinates are in two columns.
+    """
 
     def __init__(self, panels: Sequence[TimePanel], rows: Sequence[Panel]) -> None:
         narrow = [panel for panel in panels if not panel.wide]

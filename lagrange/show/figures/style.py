@@ -210,9 +210,10 @@ def _decimal(value: float, digits: int) -> str:
 
 @cache
 def _classes() -> dict[str, Any]:
-    """Return this package's subclasses of Matplotlib classes, by name; pickle looks them up in this module.
+    """Return this package's subclasses of Matplotlib classes, by name.
 
-    They are defined at the first figure, because the import of Matplotlib takes 0.2 s.
+    They are defined at the first figure, because the import of Matplotlib takes 0.2 s. Pickle looks the classes up in
+    this module by their names.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import Formatter

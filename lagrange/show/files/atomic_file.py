@@ -42,7 +42,8 @@ def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
 def filled_part(target: Path, write: Writer, mode: int | None) -> Path:
     """Call `write` with a new hidden file in the folder of `target`, and return the path of the hidden file.
 
-    It has the permissions `mode` (None: default), and is synced to the disk. After an error it is removed.
+    The file has the permissions `mode`, None for the default, and is synced to the disk. If `write` raises an
+    exception, the file is removed.
     """
     part = target.with_name(f".{target.name[:32]}.{os.urandom(8).hex()}.part")
     try:
@@ -114,7 +115,10 @@ def old_mode(target: Path) -> int | None:
 
 
 def in_words(target: Path, error: OSError) -> StatementError | RunError:
-    """Return the error, with cause and remedy in words, to raise for an OSError that occurred in writing `target`."""
+    """Return the error to raise for the OSError `error`, which occurred while `target` was written.
+
+    Its message names the cause and says what to do.
+    """
     reason = _FULL.get(error.errno or 0)
     if reason:
         return RunError(

@@ -107,9 +107,10 @@ def loaded_run(path: Any, model_of: Callable[[Statement, str], Model]) -> Soluti
 
 
 def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model) -> Trajectory:
-    """Return the trajectory of a run from the arrays in its file; `card` has status, method and counts of steps.
+    """Return the trajectory of a run from the arrays in its file.
 
-    Raises StatementError where the states do not fit the model.
+    `card` is a dict with the rest: the status, the method, tolerances and numbers of steps. Raises StatementError
+    where the states do not fit the model.
     """
     t, y = arrays["t"], arrays["y"]
     if y.shape != (len(model.layout.names()), len(t)):
@@ -155,7 +156,10 @@ def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None
 
 
 def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:
-    """Return the states in the file of a run with their times: outputs `y` at `t` and, in newer files, between them."""
+    """Return the states in the file of a run with their times: the outputs `y` at `t`, and states between the outputs.
+
+    Older files have no states between outputs.
+    """
     t_between, y_between = arrays.get("t_between", np.empty(0)), arrays.get("y_between", np.empty((len(y), 0)))
     if y_between.shape != (len(y), len(t_between)):
         raise StatementError(f"it has states of shape {y_between.shape} at {len(t_between)} times between its outputs.")

@@ -101,8 +101,9 @@ class BookOrder:
     def term(self, term: Any) -> Key:
         """Return the sort key of a term: accelerations come first, then velocities, then all other terms.
 
-        Of the others, squares and products of coordinates come first, as in x^2 + y^2 - l^2, then constants, as in l +
-        x and m1 + m2 sin(theta)^2. Terms with gravity g, then functions of time alone, come last.
+        Among the others, squares and products of coordinates come first, as in x^2 + y^2 - l^2. Constants follow, as in
+        l + x and m1 + m2 sin(theta)^2. Terms with the acceleration of gravity g, then functions of time alone, come
+        last.
         """
         ranks = self.symbols(term)
         highest = max((rank[0] for rank in ranks), default=PARAMETER)
@@ -114,7 +115,8 @@ class BookOrder:
     def _last(self, ranks: list[tuple[int, int, int]]) -> int:
         """Return a part of a term's sort key, from the ranks of its symbols in ascending order.
 
-        It is 2 for a function of time alone, 1 for a product with gravity g, and 0 for any other term.
+        The value is 2 for a function of time alone, which is printed last. It is 1 for a product with the acceleration
+        of gravity g, and 0 for any other term.
         """
         if ranks and ranks[-1] == LAST and not any(rank[0] == POSITION for rank in ranks if rank != LAST):
             return 2
@@ -172,8 +174,9 @@ class BookOrder:
     def reversible(self, total: Any, term: Any) -> bool:
         """Return True if the minus sign of a term may be moved into its factor `total`: -(m1 - m2)*g is (m2 - m1)*g.
 
-        `total` must be a difference of masses, or of constants that does not occur in the statement: a stated R - r is
-        usually positive and kept. A term that a user typed is not changed.
+        `total` must be a difference of two masses, or another difference of constants that does not occur in the
+        statement. A stated difference such as R - r is usually positive, and is kept. A term that a user typed is not
+        changed.
         """
         if not total.is_Add or len(total.args) != 2 or sum(map(_negative, total.args)) != 1 or self.moves(total):
             return False
@@ -295,7 +298,10 @@ class Typesetter:
         return self.signed(node)[1]
 
     def signed(self, node: Any) -> tuple[bool, FormulaPiece]:
-        """Return (True if the term `node` is subtracted, text of the term without its sign), from a cache."""
+        """Return a flag and a text: True if the term `node` is subtracted, and the term without its sign.
+
+        Results are cached.
+        """
         if node not in self._signed:
             if node.is_Add:
                 self._signed[node] = False, self.piece(node)
@@ -370,7 +376,10 @@ class Typesetter:
         return self.notation.fraction(top, self.notation.product(below)) if below else top
 
     def factors(self, number: Any, pairs: list[Any]) -> list[FormulaPiece]:
-        """Return the factors of a product as texts; `pairs` are (base, positive exponent), a number 1 is left out."""
+        """Return the texts of the factors of a product; a number 1 in front of other factors is left out.
+
+        `pairs` are pairs of a base and a positive exponent.
+        """
         return [*([] if number == 1 else [self.number(number)]), *map(self.power, pairs)]
 
     def power(self, pair: tuple[Any, Any]) -> FormulaPiece:

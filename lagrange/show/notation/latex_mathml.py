@@ -54,7 +54,8 @@ class LatexNotation(BookNotation):
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
         r"""Return the symbol of a quantity whose usual `letter`, such as L, is a name in the system.
 
-        It is calligraphic, \mathcal{L}, or the upright `word` for a small letter, with names `indices` below.
+        A capital letter becomes calligraphic, \mathcal{L}. A small letter is replaced by the upright `word`. `indices`
+        are names below the symbol.
         """
         spelled = f"\\mathcal{{{letter}}}" if letter.isupper() else upright(word).replace("\\_", "\\ ")
         return spelled + (f"_{_argument(' '.join(map(self.letter, indices)))}" if indices else "")

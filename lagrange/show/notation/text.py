@@ -215,7 +215,10 @@ class Notation:
         return self.raised(value, exponent) if exponent else FormulaPiece(value)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
-        """Return a piecewise expression of `rows` (value, condition); an empty last condition means "otherwise"."""
+        """Return a piecewise expression; `rows` are pairs of value and condition.
+
+        The last condition may be empty: its value holds in all other cases.
+        """
         parts = [(self.case if row[1] else self.otherwise).format(*row) for row in rows]
         return FormulaPiece(self.case_frame.format(self.case_separator.join(parts)))
 
@@ -382,5 +385,8 @@ class PrintedWidth(UnicodeNotation):
         return FormulaPiece(max(above.text, below.text, key=width), POWER)
 
     def partial(self, above: str, below: str) -> str:
-        """Return the wider of numerator and denominator of the derivative of `above` by `below`: ∂L for L and q."""
+        """Return the wider one of numerator and denominator of the partial derivative of `above` by `below`.
+
+        For L and q the result is ∂L.
+        """
         return "∂" + max(above, below, key=width)

@@ -38,7 +38,8 @@ Part = tuple[str, str]  # Name of a part of a page, and its text
 def joined(parts: Iterable[Part], instead: str, most: int = MOST_CHARACTERS) -> str:
     """Return a page of at most `most` characters from `parts`, pairs of name and text.
 
-    A sentence with `instead` at its end replaces a part that does not fit, and ends a page that is almost full.
+    A sentence that ends with `instead` replaces a part that does not fit. The page ends with this sentence if the space
+    is almost used up.
     """
     shown: list[str] = []
     room = most

@@ -26,7 +26,10 @@ STABILITY = {True: "stable", False: "unstable", None: "stability not decided"}
 
 @notebook_page.register
 def report_page(report: Report) -> str:
-    """Return the page of a check: its verdict, and the table of comparisons, folded if all comparisons pass."""
+    """Return the page of a check: its verdict, with the table of comparisons under it.
+
+    The table is folded if all comparisons pass.
+    """
     head, *remarks = report.remarks()
     rows = [" | ".join(map(markdown_text, row.cells())) for row in report.rows]
     wrong = [f"| {text.replace('FAILS', '**FAILS**')} |" for text in rows]

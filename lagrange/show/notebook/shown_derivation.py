@@ -33,7 +33,10 @@ SYSTEM_INSTEAD = "`print(system.derivation())` has it as text, `system.equations
 
 
 def system_page(derivation: Derivation, findings: Sequence[str]) -> str:
-    """Return the Markdown page of a system; `findings` are sentences on its structure and conserved quantities."""
+    """Return the Markdown page of a system for a notebook.
+
+    `findings` are sentences about the structure and the conserved quantities of the system.
+    """
     return joined(_system_parts(derivation, findings), SYSTEM_INSTEAD)
 
 
