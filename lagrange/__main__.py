@@ -20,7 +20,8 @@ except KeyboardInterrupt:
 def main() -> int:
     """Run the command line and return its exit code, or 128 + the number of the signal that ended it.
 
-    After a signal every exception counts as an interruption: libraries may replace KeyboardInterrupt by another.
+    After a signal every exception counts as an interruption, because libraries may replace KeyboardInterrupt by another
+    exception.
     """
     interruption, code = Interruption(), 0
     try:

@@ -108,8 +108,9 @@ def _on_machine(target: str, statement: Statement, kept: Sequence[int] | None = 
 def model_of(statement: Statement, on: Machine, equations: Equations | None = None) -> Model:
     """Return the model of a statement on the machine `on`; its kernels are compiled at first use.
 
-    Functions of time without a formula or values become inputs. `equations` are the equations of the statement, or
-    None. Raises StatementError for undefined functions of coordinates.
+    Functions of time without a formula or values become inputs. `equations` are the equations of the statement, None if
+    they are not derived yet; with inputs they are derived again. Raises StatementError for undefined functions of
+    coordinates.
     """
     statement.require_formulas()
     statement = with_solved_multipliers(with_inputs(statement) if statement.given else statement)

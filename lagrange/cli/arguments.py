@@ -53,7 +53,8 @@ class Help(argparse.HelpFormatter):
 class CommandParser(argparse.ArgumentParser):
     """A parser whose error messages suggest the nearest known word, and fit the width of the terminal.
 
-    `add_options` adds a command's arguments when it is parsed, so that modules of other commands are not loaded.
+    `add_options` adds the arguments of a command only when this command is parsed, so that the modules of other
+    commands are not loaded.
     """
 
     add_options: Callable[[CommandParser], None] | None = None
@@ -173,8 +174,9 @@ def folder(name: str) -> Path:
 def entries(option: str, texts: Sequence[str], form: str, example: str) -> dict[str, list[str]]:
     """Return the values of a repeated option NAME=VALUE by name; each value is split at its colons.
 
-    `texts` such as "l=0.5:2" give {"l": ["0.5", "2"]}. `form` is the form of a value, such as LOW:HIGH, `example` an
-    example in messages. Raises StatementError for another form, and for a name that occurs twice.
+    `texts` are the arguments of the option; "l=0.5:2" gives {"l": ["0.5", "2"]}. `form` is the required form of a
+    value, such as LOW:HIGH, and `example` is an example for error messages. Raises StatementError for another form, and
+    for a name that occurs twice.
     """
     table: dict[str, list[str]] = {}
     for text in texts:

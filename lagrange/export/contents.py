@@ -81,8 +81,9 @@ def contents_of(
 ) -> ExportContents:
     """Return the contents of an export: those that are requested by name, and others that the requested ones need.
 
-    `contents` are the requested names, None for the defaults. `events` are the events to export, `parameters` replace
-    stated values. Raises StatementError for contents that the system or the target does not have.
+    `contents` are the requested names, or None for the default contents. `events` are the events to export, and
+    `parameters` values that replace the stated ones. Raises StatementError for contents that the system or the target
+    does not have.
     """
     requested = [*DEFAULT, *(["events"] if events else [])]
     if contents is not None:
@@ -114,7 +115,8 @@ def _refuse(
 ) -> None:
     """Raise StatementError for contents that the system or the target does not have.
 
-    `names` are requested contents, `methods` the methods that they need, `events` the events to export.
+    `names` are the requested contents, `methods` are the requested or necessary integration methods, and `events` are
+    the events to export.
     """
     known = [*QUANTITIES, STEP, MAIN, TAYLOR]
     for name in methods:

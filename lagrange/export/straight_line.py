@@ -70,7 +70,10 @@ class Language(Statements):
         return [self.helpers[op] for op in sorted(needed) if op in self.helpers]
 
     def systems(self, ops: Iterable[str]) -> Iterator[str]:
-        """Yield the lines of the functions that solve linear systems, if `ops` need them. A blank line ends each."""
+        """Yield the lines of the two functions that factor a matrix and solve a linear system, if `ops` need them.
+
+        A blank line follows each function.
+        """
         if "factor" in ops:
             for function, (head, end) in ((factored, self.factored), (solved, self.solved)):
                 yield from head.splitlines()

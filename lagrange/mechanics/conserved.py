@@ -97,7 +97,8 @@ class Conserved(ShownAsPage):
 def conserved_quantities(model: Model) -> list[Conserved]:
     """Return the conserved quantities of a system that are proven; others may exist.
 
-    Each is tested against the compiled model. Raises RunError if one changes, which is a fault of this library.
+    Each proven quantity is tested against the compiled model. Raises RunError if a quantity changes along the motion,
+    which is a fault of this library.
     """
     if "conserved" not in model.prepared:
         quantities = list(_proven_quantities(model))
@@ -208,7 +209,8 @@ LONGEST_SHOWN = 200  # Largest number of characters of a quantity in a message
 def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
     """Return the conserved quantity p . xi - tau E - F of a symmetry, stated by its generator {q: xi, t: tau}.
 
-    p are the momenta, E is the energy, F the gauge function. Raises StatementError for any other generator.
+    p are the momenta, E is the energy, and F the gauge function. Raises StatementError if the generator is not a
+    symmetry of the system.
     """
     statement = model.statement
     shift = _checked_generator(statement, generator)

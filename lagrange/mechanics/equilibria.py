@@ -89,8 +89,8 @@ class Equilibrium(ShownAsPage):
 def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
     """Return the equilibria of a statement at rest, or at steady `rates` of ignorable coordinates or of a rotation.
 
-    Equilibria that exist at the values of the parameters come first. Each group is sorted by energy. Raises
-    StatementError if none is found.
+    Equilibria that exist at the values of the parameters come first, then the others; each group is sorted by energy.
+    Raises StatementError if none is found.
     """
     if statement.rotations and isinstance(rates, Mapping):
         others, turning = split_rates(rates, statement.coordinates, "rates")
@@ -328,9 +328,10 @@ class _Problem:
         return simplest(value - 2 * sympy.pi * math.ceil(round(angle.real / (2 * math.pi), 12) - 0.5))
 
     def check(self, values: Mapping[Any, Any], known: Mapping[Any, Any], *, exists: bool) -> None:
-        """Raise RunError if a force at the solution `values` exceeds its rounding error, a fault of this library.
+        """Evaluate the forces at the solution `values`, with the numbers `known` for the parameters.
 
-        `known` are the numbers of the parameters. If `exists` is false, the solution is not real and is not tested.
+        Raises RunError if a force exceeds its rounding error, which is a fault of this library. Tests nothing if
+        `exists` is false: then the solution is not real for these numbers.
         """
         if not exists or not all(m in values for m in self.multipliers):
             return  # the search has already tested numerical solutions

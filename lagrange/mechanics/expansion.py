@@ -163,7 +163,8 @@ class StatedPoint:
     def is_zero(self, expr: Any, scale: Any) -> bool:
         """Return True if an expression is zero at the point.
 
-        A decimal counts as zero up to 1e-8 times the largest number among the expressions `scale` and 1.
+        A decimal counts as zero up to 1e-8, relative to the largest number among the expressions `scale`, or to 1 if
+        that is larger.
         """
         if not self.decimal or expr.free_symbols:
             return vanishes(self.form, expr)
@@ -326,9 +327,10 @@ class _StatementExpansion:
         return replace(expansion, positions=stated.positions, about=about)
 
     def expanded(self, stated: Any, what: str, order: int) -> Any:
-        """Return the Taylor polynomial of an expression up to degree `order` in deviations from the point.
+        """Return the Taylor polynomial of an expression about the point, up to degree `order`.
 
-        The deviations are those of coordinates and velocities. `what` names the expression in errors.
+        Its variables are the deviations of coordinates and velocities from the point. `what` names the expression in
+        errors.
         """
         plain = self.form.read(stated)
         self.check_smooth(plain, what)

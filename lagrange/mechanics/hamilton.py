@@ -79,7 +79,8 @@ def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
 def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
     """Return the adjugate and the determinant of a block of the mass matrix.
 
-    `block` has the indices of its rows and columns. Raises StatementError if the block is singular or too large.
+    `block` lists the indices of the rows and columns of the block. Raises StatementError if the block is singular or
+    too large.
     """
     if len(block) > LARGEST_COUPLED_BLOCK:
         names = listing(form.statement.names[i] for i in block)
@@ -158,8 +159,9 @@ def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
 def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tuple[list[Any], Any]:
     """Return the velocities of the coordinates `block` as functions of the momenta `symbols`, and H.
 
-    Their inertia depends on velocities. H is None if the method does not give it. Of several solutions, the one that
-    reproduces velocities of random states is returned. Raises StatementError if none does.
+    The inertia of these coordinates depends on their velocities. H is None if the method of solution does not give it.
+    If there are several solutions, the one that reproduces velocities of random states is returned. Raises
+    StatementError if none does.
     """
     candidates = _by_length(form, block, symbols)
     if not candidates and len(block) == 1:

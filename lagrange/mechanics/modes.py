@@ -376,7 +376,10 @@ class ModeShapes:
 
 
 def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
-    """Return symbolic `modes` in numbers at the stated parameters. Raises StatementError if a value is missing."""
+    """Return the shapes and frequencies of symbolic `modes` as numbers, at the stated values of the parameters.
+
+    Raises StatementError if a parameter has no value.
+    """
     form, lin = PlainForm(statement), modes.linearization
     constants = statement.defaults
     statement.require_parameters("shapes are drawn at values of the parameters, and")

@@ -65,8 +65,9 @@ def simplest(expression: Any) -> Any:
 def rational_below(expression: Any) -> Any:
     """Return an expression without square roots in its denominator.
 
-    A long expression, or one with nested roots as |sqrt(a) - b|, is returned unchanged. A root of b becomes a symbol r
-    with r^2 = b, and the fraction is multiplied by the conjugate of its denominator.
+    A long expression is returned unchanged, and one with roots within roots or functions, as in |sqrt(a) - b|. A root
+    of a base b is replaced by a symbol r with r^2 = b, and the fraction is multiplied by the conjugate of its
+    denominator.
     """
     powers = [x for x in sorted(expression.atoms(sympy.Pow), key=str) if x.exp.is_Rational and x.exp.q == 2]
     roots = {base: sympy.Dummy("r") for base in dict.fromkeys(x.base for x in powers)}
@@ -195,7 +196,8 @@ def _is_rounding(expression: Any, values: Mapping[Any, Any]) -> bool | None:
 def size_of_terms(expression: Any, values: Mapping[Any, Any]) -> float:
     """Return the magnitude of the terms of an expression, to which its rounding error is proportional.
 
-    Each sum becomes a sum of magnitudes: in (x - y) z the terms of the first factor may cancel.
+    Each sum in the expression is replaced by the sum of magnitudes: in (x - y) z the two terms of the first factor may
+    cancel.
     """
     if expression.is_Add:
         return sum(size_of_terms(term, values) for term in expression.args)
@@ -212,7 +214,8 @@ MOST_NODES = 15_000  # Largest number of nodes, in all expression trees, that on
 class Shortener:
     """Computes short forms of expressions, up to a limit on their total size.
 
-    `what` names them in the error message. `vanishes` returns True for an expression that is identically zero.
+    `what` names the expressions in the error message beyond the limit. `vanishes` returns True for an expression that
+    is identically zero.
     """
 
     def __init__(self, what: str, vanishes: Callable[[Any], bool]) -> None:

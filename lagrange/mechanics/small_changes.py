@@ -375,7 +375,8 @@ def _driven(at_point: AtPoint, mass: Any, unbalanced: Any) -> Any:
 def _residuals(at_point: AtPoint, gradient: Rows, multipliers: Sequence[Any]) -> list[Node]:
     """Return the residuals M a - h - G^T lambda of the equations of motion, one node for each coordinate.
 
-    h are the forces, `gradient` is G, `multipliers` are lambda. Terms with zero accelerations are left out.
+    h are the forces, `gradient` is G, and `multipliers` are lambda. Terms with accelerations that are zero are left
+    out.
     """
     e = at_point.equations
     a = [at_point.here[x] if at_point.here[x] is e.graph.zero else x for x in at_point.a]

@@ -84,9 +84,9 @@ def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
 def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False) -> Verdict:
     """Return the stability of an equilibrium.
 
-    Eigenvalues and the energy decide if all parameters have values. Otherwise signs that SymPy can prove decide.
-    `axial` is true if the system is symmetric about the equilibrium in the plane of the two coordinates that are not
-    ignorable.
+    If all parameters have values, eigenvalues and the energy decide. Else signs that SymPy can prove decide, if the
+    formulas are not too long. `axial` is true if the system is symmetric about the equilibrium in the plane of the two
+    coordinates that are not ignorable.
     """
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
@@ -128,9 +128,10 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
 
 
 def each_pole_once(points: Sequence[StatedPoint]) -> list[int]:
-    """Return the indices of all points, but of several points at one pole only the first.
+    """Return the indices of the points that are kept: all points, but only the first of the points at one pole.
 
-    Points at one pole differ in a direction without inertia, such as longitude. Near the pole it has inertia.
+    Points at one pole differ in a direction without inertia, such as the longitude; near the pole every direction has
+    inertia.
     """
     indices, poles = list[int](), list[Any]()
     for index, point in enumerate(points):

@@ -67,8 +67,9 @@ EXAMPLE = (0.5, 2.0)  # Example of bounds in an error message
 class Slider:
     """A slider for one value of a system, with the bounds `low` and `high`.
 
-    `kind` is `PARAMETER`, `STATE` or `RATE`. `place` is the index in the parameters, the initial state, or the rates of
-    all bodies, three each. `chosen` is true if the user named it, `angle` if the value is in radians.
+    `kind` is `PARAMETER`, `STATE` or `RATE`. `place` is the index of the value among the parameters, in the initial
+    state, or among the rates of rotation of all bodies, three for each body. `chosen` is true if the user chose the
+    slider by name; `angle` is true if the value is in radians.
     """
 
     name: str
@@ -327,7 +328,8 @@ NO_SLIDERS = "{} does not compute the motion of a system with contacts: {} with 
 def write_recorded_page(run: Callable[[], Solution], path: str | os.PathLike[str], sliders: Any) -> Path:
     """Write the page of a system with contacts, which plays a recorded run, and return its path.
 
-    `run()` runs the system. Raises StatementError for `sliders`: the page computes no motion for other values.
+    `run()` runs the system. Raises StatementError unless `sliders` is None, because the page does not compute the
+    motion for other values.
     """
     if sliders is not None:
         raise StatementError(NO_SLIDERS.format("a page", "leave sliders out, and the page plays a run"))

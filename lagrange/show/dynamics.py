@@ -192,13 +192,17 @@ class ShownModes(Modes):
         return self._summary(written)
 
     def shapes_in_numbers(self) -> ModeShapes:
-        """Return the shapes of the modes as numbers. Raises StatementError where a parameter has no value."""
+        """Return the shapes of the modes as numbers, for all coordinates and for the stated positions.
+
+        Raises StatementError where a parameter has no value.
+        """
         return mode_shapes(self, self.linearization.statement)
 
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
         """Return the figure of the modes: for each mode bars for its components, and the displaced positions.
 
-        A user's `ax` gets bars of all modes. Raises StatementError where a parameter has no value.
+        On a user's `ax` the components of all modes are bars side by side. Raises StatementError where a parameter
+        has no value.
         """
         return plot_modes(self.shapes_in_numbers(), ax, style)
 

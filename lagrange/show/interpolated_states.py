@@ -84,7 +84,8 @@ class _Between:
         """Raise StatementError if a polynomial has too large an error in the middle of its interval.
 
         The error is estimated from the acceleration of the polynomial, which the equations of motion test. On an
-        interval h the error in the middle is c h^6/64 for some c, and that of the acceleration is 3 c h^4/8.
+        interval of length h the error in the middle is c h^6/64 with some constant c, and the error of the acceleration
+        is 3 c h^4/8.
         """
         h = np.diff(self.t)
         apart = np.flatnonzero(h > 0)

@@ -163,7 +163,8 @@ class Race:
     def floor(self) -> float:
         """Smallest error that rounding allows, in the same units as the errors.
 
-        It is the change of the final state if the most sensitive state along the run is rounded to a double.
+        It is the change of the final state that results if the most sensitive state along the run is rounded to a
+        double.
         """
         return self.result.sensitivity.floor
 

@@ -273,7 +273,8 @@ class JavaScript(Target):
 def source(module: SourceModule) -> str:
     """Return the text of the JavaScript module.
 
-    Functions called once per run check array lengths. Those of quantities do not: checks take 3% of their time.
+    Functions that are called once per run check the lengths of arrays. The functions of quantities do not, because the
+    checks would take 3% of their time.
     """
     quantities = [quantity.procedure for quantity in module.quantities]
     # Users may pass an offset for y and out of each quantity.

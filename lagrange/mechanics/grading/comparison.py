@@ -52,8 +52,9 @@ def branch_samples(
 ) -> tuple[list[MotionSample], list[Way]]:
     """Return (samples with new combinations of switch outcomes, outcomes that no sample reaches).
 
-    Switches are conditions and corners in the statement and in the equations `rows`. `known` are earlier samples.
-    Entries of states have all magnitudes, or are near numbers in the equations, energies and forces.
+    Switches are the conditions and corners in the statement and in the equations `rows`. `known` are earlier samples,
+    whose combinations are not new. Entries of a state are drawn from all magnitudes, and near the numbers in the
+    equations, energies and forces.
     """
     states = MotionStates(statement)
     switches = [*states.reference.switches, *(switch for row in rows for switch in row.switches)]
@@ -256,7 +257,8 @@ def _with_remarks(
 ) -> EquationsComparison:
     """Return a result with remarks on how its equations were read, and with their indices in the answer.
 
-    `letters` maps multipliers to the letters typed for them. A long message is moved to `.details`.
+    `letters` maps multipliers to the letters that were typed for them. If the message gets too long, it is moved to
+    `.details`.
     """
     reported = [equations[i] for i in result.wrong] or equations
     remark = "".join(f" {equation.note}" for equation in reported if equation.note)

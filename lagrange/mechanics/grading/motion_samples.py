@@ -59,8 +59,9 @@ def motion_samples(
 ) -> list[MotionSample]:
     """Return `count` states at which the statement determines the motion; equal seeds give equal states.
 
-    Most parameters and states are of order one, so that no term is negligible. Coordinates in `positive` are positive,
-    parameters in `values` have these values. Raises StatementError if too few states are found.
+    Most parameters and states are of order one, so that no term is negligible. The coordinates with names in `positive`
+    are positive, and the parameters in `values` have these values. Raises StatementError if not enough states are
+    found.
     """
     sampler, states = Sampler(statement, seed), MotionStates(statement)
     _, order_one, _, near, _ = SAMPLE_KINDS

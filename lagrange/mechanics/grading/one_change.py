@@ -464,7 +464,8 @@ class _Search:
     def has_unlikely_factor(self, row: EquationRow) -> bool:
         """Return True if the equation `row` is a right equation times an unlikely factor, such as 3 m.
 
-        Coefficients of accelerations are compared. A product of symbols, times 1 or -1, is a likely factor.
+        Only the coefficients of accelerations are compared. A factor is likely if it is a product of symbols, without a
+        number other than 1 or -1.
         """
         try:
             slopes = [row.numbers(sample) for sample in self.samples]

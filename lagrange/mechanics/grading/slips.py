@@ -54,7 +54,8 @@ def slip_of(rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample
     """Return a sentence on the single slip whose correction makes all equations right, or "".
 
     Equations are right if they hold at all samples of one of the `choices`. If `common` is true, the slips of `_slips`
-    are tried, else those of `_factors`. The result is also "" for long equations, and if the time is up.
+    are tried, such as degrees; else those of `_factors`. The result is also "" if the equations are too long, or the
+    time is up.
     """
     statement, zeros = rows[0].statement, [row.zero for row in rows]
     if sum(int(zero.count_ops()) for zero in zeros) > LONGEST_SLIP:

@@ -344,9 +344,10 @@ class EquationRow:
         return self.equation.zero + self.equation.right, self.equation.right
 
     def with_zero(self, zero: Any, right: Any = sympy.S.Zero) -> EquationRow:
-        """Return a row for the equation `zero` = 0, with the label of this row; `right` is its right side.
+        """Return an `EquationRow` for the equation `zero` = 0, with the label of this row.
 
-        Its left side is zero + right. Raises StatementError if it is nonlinear in accelerations or multipliers.
+        `right` is its right side; its left side is zero + right. Raises StatementError if it is not linear in
+        accelerations and multipliers.
         """
         equation = StudentEquation(zero, right, label=self.equation.label, meanings=self.equation.meanings)
         return row_of(equation, self.statement)
@@ -367,7 +368,10 @@ class EquationRow:
         return self._tape.switches
 
     def ways(self, point: SamplePoint) -> tuple[int | None, ...]:
-        """Return the outcome of each switch, such as Abs, at a point. Raises OutsideDomain if a value is missing."""
+        """Return the outcome of each switch, such as a condition or Abs, at a point.
+
+        Raises OutsideDomain if the equation has no value at the point.
+        """
         outcomes, _ = self._tape.inspect(point.q, point.v, point.t, point.parameters)
         return outcomes
 
@@ -378,7 +382,8 @@ class EquationRow:
     def leading(self, sample: MotionSample) -> list[Any]:
         """Return the coefficients of accelerations and multipliers at a sample, as numbers.
 
-        An equation without them is differentiated in time first. Raises OutsideDomain if a coefficient has no value.
+        An equation without these unknowns is differentiated once or twice in time first. Raises OutsideDomain if a
+        coefficient has no value.
         """
         if any(self.slopes.values()):
             return self.numbers(sample)
@@ -455,7 +460,8 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:
     """Return a program that computes expressions in plain symbols, in multiple precision.
 
-    Derivatives of jumps, as of sign(x) at 0, are zero. Raises OutsideDomain if a constant has no value.
+    The derivative of a jump, such as of sign(x) at zero, is taken as zero. Raises OutsideDomain if a constant has no
+    value.
     """
     stated = {symbol: leaf for leaf, symbol in statement.plain.items()}
     smooth = (expression.replace(sympy.DiracDelta, lambda *_: sympy.S.Zero) for expression in expressions)

@@ -78,7 +78,8 @@ def summands(expression: Any) -> tuple[Any, ...]:
 def expanded(expression: Any) -> tuple[Any, ...]:
     """Return the terms of an expression after full expansion, also of powers and denominators.
 
-    An expression that would become too long is one term. Raises BudgetSpent if the time is up.
+    An expression with a large power of a sum, or with too many terms, is returned whole, as a single term. Raises
+    BudgetSpent if the time is up.
     """
     check_budget()
     powers = [power for power in expression.atoms(sympy.Pow) if power.base.is_Add and power.exp.is_Integer]

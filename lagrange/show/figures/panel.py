@@ -184,7 +184,10 @@ def invariants(solution: Solution) -> list[PanelQuantity]:
 
 
 def multipliers(solution: Solution) -> list[PanelQuantity]:
-    """Return each multiplier over time as one quantity. Raises StatementError for a system without constraints."""
+    """Return one quantity for each constraint: its multiplier over time.
+
+    Raises StatementError for a system without constraints.
+    """
     if not solution.multipliers:
         raise StatementError(f"{solution.model.statement.name} has no constraints, and so no multipliers to plot.")
     return [
@@ -232,7 +235,10 @@ def panel_on(ax: Any, style: FigureStyle, size: tuple[float, float]) -> tuple[Fi
 
 
 def figure_of(ax: Any) -> Figure:
-    """Return the whole figure of a user's axes. Raises StatementError if `ax` is not Matplotlib's axes in a figure."""
+    """Return the whole figure of a user's axes.
+
+    Raises StatementError for anything that is not Matplotlib's axes, and for axes without a figure.
+    """
     if getattr(ax, "plot", None) is None or getattr(ax, "get_figure", None) is None:
         raise StatementError(f"ax is {shown(ax)}: give axes of Matplotlib, or leave it out for a new figure.")
     return of_figure(ax)
@@ -386,8 +392,9 @@ class TimePanel:
 def curves(quantity: PanelQuantity, solution: Solution, pixels: Pixels) -> Curves:
     """Return a quantity of a run as lines, exact within a pixel, for a panel of the size `pixels`.
 
-    A drift is computed from the dense output. If it changes much more within steps than at their ends, the dense output
-    is at fault, not the method. Then dots are drawn at the ends, and a note gives the drift between.
+    The drift of a conserved quantity is computed from the dense output. If it changes much more between the ends of
+    steps than at them, this is an error of the dense output and not of the method. Then dots are drawn at the ends of
+    steps, and a note gives the largest drift between them.
     """
     run = solution.trajectory
     window = None if quantity.drift else window_of(solution, lambda t: quantity.values(solution.sampled(t)))

@@ -98,7 +98,10 @@ def check_place(path: str | os.PathLike[str]) -> None:
 
 
 def old_mode(target: Path) -> int | None:
-    """Return the permissions of an existing file, None for no file. Raises StatementError for a folder or device."""
+    """Return the permissions of an existing file, None if there is no file.
+
+    Raises StatementError for a folder or a device.
+    """
     if not target.parent.is_dir():
         raise StatementError(
             f"Cannot write {_name(target)}: there is no folder {_name(target.parent)}. Make this folder, or name "
@@ -164,7 +167,8 @@ def write_together(folder: str | os.PathLike[str], files: Mapping[str, Writer | 
 def _exchange(home: Path, targets: Mapping[str, Path], parts: Mapping[str, Path]) -> None:
     """Replace the files `targets` by the new files `parts`, both by name; a target without a new file is removed.
 
-    The last target is removed first and replaced last: an interruption leaves it missing. Errors name `home`.
+    The last target is removed first and replaced last, so that it is missing after an interruption. Errors name the
+    folder `home`.
     """
     *_, last = targets
     try:

@@ -202,7 +202,8 @@ class BookOrder:
     def oriented(self, factor: Any) -> tuple[int, Any]:
         """Return a sign, 1 or -1, and a factor with the signs of textbooks; their product is `factor`.
 
-        SymPy turns cos(a - b) to cos(b - a) and sin(a - b) to -sin(b - a). If the user typed a - b, that is kept.
+        SymPy changes cos(a - b) and sin(a - b) to cos(b - a) and -sin(b - a). If the user typed only a - b, this change
+        is undone.
         """
         if factor.is_Add:
             return (-1, -factor) if self.turned(factor) else (1, factor)

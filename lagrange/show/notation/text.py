@@ -88,8 +88,9 @@ CIRCULAR = frozenset(("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", 
 class FormulaPiece:
     """A part of a formula: its text, and `level`, the precedence of its outermost operation.
 
-    For a function without parentheses in `text`, such as sin θ, `closed` is sin(θ). `call` is true if a function name
-    such as sin begins the text. `simple` is true for a symbol, a number, or a number times a symbol.
+    For a function whose `text` has no parentheses, such as sin θ, `closed` is the text with them: sin(θ). `call` is
+    true for a function such as sin, whose name begins the text. `simple` is true for a symbol, a number, or a number
+    times a symbol.
     """
 
     text: str
