@@ -125,7 +125,7 @@ def angles(statement: Statement) -> tuple[bool, ...]:
 
 
 def is_angle(statement: Statement, row: int) -> bool:
-    """Return True if entry number `row` of the state is a coordinate that is an angle; False for velocities."""
+    """Return True if entry number `row` of the state is a coordinate that is an angle. Velocities are not angles."""
     return row < len(statement.names) and angles(statement)[row]
 
 
@@ -138,7 +138,7 @@ def wrapped(values: FloatArray, low: float) -> FloatArray:
 def difference(a: FloatArray, b: FloatArray, is_angle: tuple[bool, ...]) -> FloatArray:
     """Return the difference a - b of states (..., 2n).
 
-    `is_angle` has True for coordinates that are angles; their differences are reduced to at most half a turn.
+    `is_angle` has True for each coordinate that is an angle. The difference of two angles is at most half a turn.
     """
     result = a - b
     for i, whole in enumerate(is_angle):

@@ -42,7 +42,7 @@ class EquilibriumBranch:
 
     @property
     def stable(self) -> FloatArray:
-        """Stability, (k,): 1 if no eigenvalue has a positive real part, 0 if one has, NaN without an equilibrium.
+        """Stability, (k,): 0 if an eigenvalue has a positive real part, 1 if none has, NaN without an equilibrium.
 
         The value 1 is necessary for stability, but not sufficient.
         """
@@ -52,10 +52,7 @@ class EquilibriumBranch:
 
 @dataclass(frozen=True, eq=False)
 class BranchesData:
-    """Branches of equilibria at `values` (k,) of a parameter, with status and message of the computation.
-
-    `axis` is the name of the coordinate that the picture shows.
-    """
+    """Branches of equilibria at `values` (k,) of a parameter. The picture shows the coordinate with the name `axis`."""
 
     statement: Statement
     parameter: str

@@ -29,14 +29,12 @@ EIGENVALUE_NOISE = 1e-9
 FLAT_SLOPE = 1e-6
 """Slope of the acceleration below which an equilibrium is degenerate.
 
-It is relative to the largest acceleration on the axis, divided by the length of the axis.
-"""
+It is relative to the largest acceleration on the axis, divided by the length of the axis."""
 
 FLAT_FORCE = 1e-10
 """Largest minimum of abs(acceleration) that is a zero without change of sign.
 
-It is relative to the largest acceleration on the axis.
-"""
+It is relative to the largest acceleration on the axis."""
 
 SADDLE, CENTRE, LINEAR_CENTRE, DEGENERATE = "saddle", "centre", "linear centre", "degenerate"
 
@@ -58,7 +56,7 @@ class FixedPoint:
 
     @property
     def stable(self) -> bool | None:
-        """True if motions that start near the equilibrium stay near; None if the linear equations do not decide."""
+        """True if motions that start near the equilibrium stay near, or None if the linear equations do not decide."""
         if self.kind in (DEGENERATE, LINEAR_CENTRE):
             return None
         return self.kind == CENTRE or self.kind.startswith("stable")
@@ -90,7 +88,7 @@ def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) 
 def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: float = 0.0) -> FixedPoint:
     """Return the equilibrium at `state` (2n,) with its kind.
 
-    The kind is degenerate if the slope of the acceleration is at most `flat`, or if the forces are not linear near the
+    The kind is degenerate if the acceleration has a slope of at most `flat`, or if the forces are not linear near the
     state.
     """
     jacobian = model.jacobian(0.0, state, parameters)
@@ -114,7 +112,7 @@ def _is_linear(model: Model, parameters: FloatArray, state: FloatArray) -> bool:
 
 
 def kind_of(values: FloatArray, *, conservative: bool) -> str:
-    """Return the kind of an equilibrium from its two eigenvalues; `conservative` is true if energy is conserved."""
+    """Return the kind of an equilibrium from its two eigenvalues. `conservative` is True if energy is conserved."""
     size = float(np.abs(values).max())
     if size == 0.0 or not np.abs(values).min():
         return DEGENERATE

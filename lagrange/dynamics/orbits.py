@@ -33,8 +33,7 @@ PERIODS = 20  # Time for which an orbit is followed, in mean periods of small os
 SAMPLES_PER_STEP = 32
 """Number of states in each step that are tested for the return of an orbit and the arrival at an equilibrium.
 
-A step of a Taylor series covers at most three periods.
-"""
+A step of a Taylor series covers at most three periods."""
 
 CLOSED = 1e-6  # Distance from its start, as a fraction of the window, below which an orbit counts as closed
 ARRIVED = 5e-4  # Distance from an equilibrium, as a fraction of the window, at which an orbit ends
@@ -150,7 +149,7 @@ def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
 
 
 def sampled(run: Trajectory, per_step: int = SAMPLES_PER_STEP) -> tuple[FloatArray, FloatArray]:
-    """Return times (k,), `per_step` for each step of a run and in its direction, and the states (k, 2n) at them."""
+    """Return times (k,) along a run, `per_step` in each step, and the states (k, 2n) at these times."""
     if len(run.t) < 2:
         return run.t, run.y.T
     times = divided(run.t, per_step)
@@ -185,10 +184,8 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
         low, high = float(times[k]), float(times[k + 1])
         for _ in range(60):
             middle = low + (high - low) / 2
-            if ahead(run.dense(np.array([middle])).T)[0] < 0:
-                low = middle
-            else:
-                high = middle
+            before = ahead(run.dense(np.array([middle])).T)[0] < 0
+            low, high = (middle, high) if before else (low, middle)
         if window.distance(run.dense(np.array([high])).T, start)[0] <= CLOSED:
             return cut(run, high), True
     return run, False
@@ -216,8 +213,7 @@ def until_arrival(window: PlaneWindow, run: Trajectory, equilibria: Sequence[Fix
 LINEAR_ERROR = 1e-10
 """Largest distance of a start from the separatrix, as a fraction of the window.
 
-Rounding of the saddle itself is 1e-16 and grows along the motion, so a smaller limit has no effect.
-"""
+Rounding of the saddle itself is 1e-16 and grows along the motion, so a smaller limit has no effect."""
 
 FIRST_DISTANCE, LEAST_DISTANCE = 1e-2, 1e-7
 """First and least distance of a start from the saddle, as fractions of the window."""

@@ -29,8 +29,7 @@ NULLCLINE_CELLS = 240  # Number of cells along each axis for the nullclines, who
 CELLS = 22
 """Number of cells along each axis for the choice of orbits.
 
-An orbit begins in each cell that no orbit has crossed, from the middle of the window outwards.
-"""
+An orbit begins in each cell that no orbit has crossed, from the middle of the window outwards."""
 
 MOST_ORBITS, MOST_PROJECTED = 60, 8
 """Largest numbers of orbits if the user gives no starts: in a full plane, and in a slice, where orbits may cross."""
@@ -47,8 +46,7 @@ START_DISPLACEMENT = np.array([0.1, 0.0])
 MOST_RESTS = 16
 """Largest number of equilibria that set the default window.
 
-They are sign changes of the force between -1000 and 1000. If there are more, none is used.
-"""
+They are sign changes of the force between -1000 and 1000. If there are more, none is used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,14 +126,14 @@ class _Portrait:
         return self.runs.model.rhs(self.time, followed, self.runs.parameters)
 
     def field(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the grid of arrows, x (k,) and y (m,), and the time derivatives of both entries on it, (m, k) each."""
+        """Return the grid of arrows, x (k,) and y (m,), and the derivatives by time of the two entries, (m, k) each."""
         x, y = (np.linspace(axis.low, axis.high, 2 * axis.count + 1)[1::2] for axis in self.plane)
         columns, rows = np.meshgrid(x, y)
         u, v = self.rates(columns.ravel(), rows.ravel())
         return x, y, u.reshape(columns.shape), v.reshape(columns.shape)
 
     def nullclines(self) -> dict[str, tuple[FloatArray, ...]]:
-        """Return the lines (j, 2) on which the time derivative of an entry on an axis is zero, by name of the entry.
+        """Return by name of each entry on an axis the lines (j, 2) on which its time derivative is zero.
 
         The grid extends half a cell beyond the window, to include lines on its border.
         """
@@ -151,10 +149,7 @@ class _Portrait:
         }
 
     def distinct(self, equilibria: Sequence[FixedPoint]) -> list[int]:
-        """Return the indices of distinct equilibria.
-
-        Equilibria that differ only by full turns of angles, such as pi and -pi, count as one.
-        """
+        """Return the indices of distinct equilibria. Those that differ only by full turns of angles count as one."""
         numbers: list[int] = []
         for k, equilibrium in enumerate(equilibria):
             others = np.array([equilibria[i].state for i in numbers]).reshape(-1, len(equilibrium.state))
@@ -213,7 +208,7 @@ def portrait(
 
 
 def _computed(work: _Portrait, fixed: Mapping[int, float], starts: Any, progress: Report | None) -> PortraitData:
-    """Return all parts of a portrait; `fixed` has the values of entries off the axes, by index in the state."""
+    """Return all parts of a portrait. `fixed` maps indices of entries off the axes to their values."""
     runs, plane, names = work.runs, work.plane, work.runs.model.statement.state_names
     single = work.alone and len(names) == 2
     equilibria, note = fixed_points(runs.model, runs.parameters, plane[0].low, plane[0].high) if single else ((), "")
@@ -336,10 +331,10 @@ def _ended(
 
 
 def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dict[int, float]:
-    """Return the fixed values that `at` maps entries of the state to, by index in the state.
+    """Return the fixed values of entries of the state that the user's `at` gives, by index in the state.
 
-    `window` are the ranges of the axes, or None. Raises StatementError unless two entries of the state remain for the
-    axes, and if there is no default window.
+    `window` are the ranges of the axes, or None. Raises StatementError unless two entries remain for the axes, and if
+    there is no default window.
     """
     statement = model.statement
     fixed = {}

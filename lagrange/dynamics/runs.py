@@ -33,7 +33,7 @@ MOST_STARTS = 1_000_000  # Largest number of starts in a list or an array
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """A model with parameters (k,) and run options; a call runs the model from a state."""
+    """A model with parameters (k,) and run options. A call runs the model from a state."""
 
     model: Model
     parameters: FloatArray

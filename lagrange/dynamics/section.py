@@ -98,7 +98,7 @@ class Crosser:
 
 
 def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> list[Crossings]:
-    """Return the crossings of the orbits that start from states (m, 2n).
+    """Return the crossings of orbits from states (m, 2n).
 
     After Ctrl-C the list ends with the interrupted orbit, whose status is INTERRUPTED.
     """
@@ -119,8 +119,7 @@ ENERGY_CORRECTIONS = 30
 """Number of Newton steps after the roots of a quadratic energy.
 
 One step removes rounding errors. The others are for an energy that is not quadratic in the velocity, such as the energy
-of a relativistic particle.
-"""
+of a relativistic particle."""
 
 PROBES = (1.0, 1e-3, 1e-6)
 """Velocities for the coefficients of a quadratic energy. The first with finite energies is used."""
@@ -132,8 +131,7 @@ ENERGY_ERROR = 1e-10  # Largest accepted error of the energy, relative to the su
 class EnergyLevel:
     """The states of a model with the energy `energy`, which determines the velocity in row `row` of the state.
 
-    For most systems the energy is a quadratic function of this velocity. `parameters` (k,) are the parameters of the
-    model.
+    For most systems the energy is a quadratic function of this velocity. `parameters` (k,) are the model's parameters.
     """
 
     model: Model
@@ -152,7 +150,7 @@ class EnergyLevel:
     def _quadratic(self, states: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return a, b and c, (k,) each, of the energy a v^2 + b v + c at states (2n, k).
 
-        They are NaN where the energy has no value.
+        The velocity v is in row `row` of the state. The results are NaN where the energy has no value.
         """
         middle = self._energy(states, 0.0)
         a = b = np.full_like(middle, np.nan)
@@ -213,7 +211,7 @@ class EnergyLevel:
             with np.errstate(all="ignore"):
                 ahead, behind = (self._energy(states, v + side * step) for side in (1.0, -1.0))
                 moved = v - left * 2 * step / (ahead - behind)
-                # Where the energy is not finite, the velocity is halved: it may be finite at a smaller one.
+                # If the energy is not finite, halve the velocity: the energy may be finite at a smaller velocity.
                 v = np.where(np.isfinite(left), np.where(np.isfinite(moved) & (left != 0), moved, v), v / 2)
         left = np.abs(self._energy(states, v) - self.energy)
         wrong = ~(left <= ENERGY_ERROR * (abs(self.energy) + np.abs(self._energy(states, 0.0))))
@@ -229,7 +227,7 @@ class EnergyLevel:
 
 
 MOST_SECTION_POINTS = 100_000_000
-"""Largest number of points of an orbit, for which a driven system takes minutes."""
+"""Largest number of points of an orbit. A driven system takes minutes for this number."""
 
 BORDER_CELLS = 200  # Number of cells along each axis for the border of a section
 
@@ -364,7 +362,7 @@ def check_memory(shape: Sequence[int]) -> None:
 
 
 def _level(runs: Runs, energy: Any, solve_for: Any) -> EnergyLevel | None:
-    """Return the energy of all starts, with the velocity `solve_for` that it determines; None without an energy."""
+    """Return the energy of all starts, with the velocity `solve_for` that it determines, or None without an energy."""
     model = runs.model
     if energy is None and solve_for is None:
         return None
@@ -421,7 +419,7 @@ def _border(
 
 
 def _drift(runs: Runs, states: FloatArray, orbits: Sequence[Crossings]) -> float | None:
-    """Return the largest change of the energy, relative to the largest energy; None if it is not conserved."""
+    """Return the largest change of the energy, relative to the largest energy, or None if it is not conserved."""
     model = runs.model
     if not model.conservative or not orbits:
         return None
@@ -459,5 +457,5 @@ def _ended(orbits: Sequence[Crossings], count: int, event: Event | None, stateme
 
 
 def surface(event: Event, statement: Statement) -> str:
-    """Return the equation of the section of an event, as text; a long expression is truncated."""
+    """Return the equation of the section of an event as text. A long expression is truncated."""
     return f"{statement.quote(event.expression, 60)} = 0"

@@ -1,4 +1,4 @@
-"""Compute bifurcation diagrams: settled motions on a section, for each value of a parameter.
+"""Compute bifurcation diagrams: points of the motion after its transients, on a section, for each value of a parameter.
 
 Source: S. H. Strogatz, Nonlinear Dynamics and Chaos, 2nd ed., 2015, section 10.2.
 """
@@ -25,12 +25,10 @@ from lagrange.trajectory.trajectory import Status
 SAME_POINT = 1e-6
 """Distance below which two points are the same, as a fraction of the extent of all points."""
 
-
 DIFFERENCE_NOISE = 1e-12
 """Largest rounding noise of the difference of two states, relative to a scale of the entry.
 
-The scale of a coordinate is the larger of its size and its velocity times the mean period. Velocities correspond.
-"""
+The scale of a coordinate is the larger of its size and its velocity times the mean period. Velocities correspond."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +94,10 @@ def sweep(
     followed: bool,
     progress: Report | None = None,
 ) -> SweepData:
-    """Return the settled motion at each of the `values` of a parameter, on a section.
+    """Return the motion after its transients at each of the `values` of a parameter, as points on a section.
 
     `definition` is the event or the period of the section; None means the period of the driving. On each orbit from
-    `starts`, `dropped` points are left out, and then `count` are kept. If `followed` is true, later orbits begin at the
+    `starts`, `dropped` points are left out, and then `count` are kept. If `followed` is True, later orbits begin at the
     last points of the orbits at the previous value. `progress` is called with the number of finished values.
     """
     model, statement = runs.model, runs.model.statement

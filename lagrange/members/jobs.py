@@ -131,7 +131,7 @@ def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
 def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
     """Run a chunk of members from their initial values `starts`. Return their results and the time that it took.
 
-    `stopped` is a function without arguments; when it returns True, no further member may begin.
+    `stopped` is called without arguments. When it returns True, no further member may begin.
     """
     began = time.perf_counter()
     ends = engine.run(starts, stopped)
@@ -143,7 +143,7 @@ MOST_WORKERS = 1024
 
 
 def processors() -> int:
-    """Return the number of processors that this process may use; a container or `taskset` may limit it."""
+    """Return the number of processors that this process may use. A container or `taskset` may limit this number."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -222,7 +222,6 @@ class ExecutorRunner:
 
 Runner = ThreadRunner | ExecutorRunner
 """Object that runs chunks: up to `places` of them at once, each for about `chunk_seconds`."""
-
 
 FIRST_CHUNK, LARGEST_CHUNK = 8, 65536
 """Number of members in the first chunks, whose duration is not yet known, and largest number of members in a chunk."""

@@ -97,10 +97,10 @@ class MemberTasks:
 class Compiled:
     """The machine code that runs members of a model in vector lanes, with the constant arrays that it reads.
 
-    `prepare` computes an array of `size` values: the parameters, then all values that depend only on them. It is
-    None if each member has its own parameters, since the code then computes these values. `observed` is the number of
-    values that are computed for a state: the energy and the momenta. `read` has the constant arrays by argument name.
-    `events` is the number of the user's events.
+    `prepare` computes an array of `size` values: the parameters, then all values that depend only on them. It is None
+    if each member has its own parameters, since the code then computes these values. `observed` is the number of values
+    that are computed for a state: the energy and the momenta. `read` has the constant arrays by argument name. `events`
+    is the number of the user's events.
     """
 
     code: MemberRuns
@@ -176,10 +176,9 @@ def _programs(model: Model, plan: Plan, tasks: MemberTasks, expressions: tuple[N
 def _sampled(
     reductions: Sequence[Reduction], nodes: Sequence[Node], program: Program, evaluating: Procedure
 ) -> Sampled:
-    """Return the expressions that are reduced along the steps, each of which is evaluated once.
+    """Return the expressions that are reduced along the steps, each different one once.
 
-    `nodes` are the expressions of the `reductions`. The procedure `evaluating`, made from `program`, computes each
-    different expression.
+    `nodes` are the expressions of the `reductions`. The procedure `evaluating`, made from `program`, computes them.
     """
     different = list(dict.fromkeys(nodes))
     places = tuple((reduction.how, different.index(node)) for reduction, node in zip(reductions, nodes, strict=True))
@@ -252,7 +251,7 @@ EVENT, UNFINISHED = STATUSES.index(Status.EVENT), STATUSES.index(Status.MAX_STEP
 
 _OUTCOMES = [STATUSES.index(_STATUSES[outcome]) if outcome in _STATUSES else UNDECIDED for outcome in Outcome]
 _CODES = np.array([*_OUTCOMES, EVENT], dtype=np.uint8)
-"""Status code by outcome; the last entry is for `ENDED_BY_EVENT`."""
+"""Status code by outcome. The last entry is for `ENDED_BY_EVENT`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,33 +275,29 @@ class LaneEngine:
     def run(self, starts: Starts, stopped: Stopped) -> Results:
         """Run a chunk of members from the initial values `starts`, and return their results.
 
-        `stopped` is not used: machine code does not stop, and chunks are short.
+        `stopped` is ignored, because machine code does not stop. Chunks are short.
         """
         m, n = starts.states.shape
-        single, observed = self.single, self.compiled.observed
-        count = 0 if single.times is None else len(single.times)
-        first, last = np.zeros((m, observed)), np.zeros((m, observed))
-        outputs = np.full((m, count, n), np.nan)
+        single, compiled = self.single, self.compiled
+        output_times = np.empty(0) if single.times is None else single.times
+        events, most = compiled.events, max(single.keep.events, 1)
+        first, last = np.zeros((2, m, compiled.observed))
         states, times, outcomes = np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.int64)
         counts = {name: np.zeros(m, dtype=np.int64) for name in COUNTED}
-        arrays: dict[str, Any] = {"outputs": outputs, "ends": states, "times": times, "outcomes": outcomes, **counts}
-        arrays |= {"first": first, "last": last, "starts": np.ascontiguousarray(starts.states)}
-        if self.compiled.prepare is None:
-            numbers = np.ascontiguousarray(starts.parameters)
-        else:
-            numbers = np.zeros(self.compiled.size + 1)
-            interpret(self.compiled.prepare, starts.parameters[0].tolist(), numbers)
-        arrays |= {"numbers": numbers, "output_count": count}
-        reduced = np.zeros((m, len(single.keep.reductions)))
-        arrays |= {"reduced": reduced, "points": np.zeros(1), "table": np.zeros(1), **self.compiled.read}
-        events, most = self.compiled.events, max(single.keep.events, 1)
+        outputs, reduced = np.full((m, len(output_times), n), np.nan), np.zeros((m, len(single.keep.reductions)))
         event_t, event_y = np.full((m, events, most), np.nan), np.full((m, events, most, n), np.nan)
-        arrays |= {"most": single.keep.events, "occurrence_times": event_t, "occurrence_states": event_y}
-        arrays["output_times"] = np.append([] if single.times is None else single.times, np.nan)
-        self.compiled.code({**self.settings(m), **arrays})
+        numbers = np.ascontiguousarray(starts.parameters)
+        if compiled.prepare is not None:
+            numbers = np.zeros(compiled.size + 1)
+            interpret(compiled.prepare, starts.parameters[0].tolist(), numbers)
+        arrays: dict[str, Any] = {"starts": np.ascontiguousarray(starts.states), "numbers": numbers}
+        arrays |= {"ends": states, "times": times, "outcomes": outcomes, "first": first, "last": last, **counts}
+        arrays |= {"output_times": np.append(output_times, np.nan), "outputs": outputs, "reduced": reduced}
+        arrays |= {"occurrence_times": event_t, "occurrence_states": event_y}
+        arrays |= {"output_count": len(output_times), "most": single.keep.events}
+        compiled.code({**self.settings(m), **arrays, "points": np.zeros(1), "table": np.zeros(1), **compiled.read})
         codes = _CODES[outcomes]
-        if single.times is not None:
-            self.complete(outputs, single.times, states, times)
+        self.complete(outputs, output_times, states, times)
         columns = {STATE: states, TIME: times, STATUS: codes, OUTPUTS: outputs, **counts}
         columns |= {reduction.name: reduced[:, k] for k, reduction in enumerate(single.keep.reductions)}
         columns |= {event_times(k): event_t[:, k] for k in range(events)}
@@ -319,8 +314,8 @@ class LaneEngine:
     def complete(self, outputs: FloatArray, output_times: FloatArray, states: FloatArray, times: FloatArray) -> None:
         """Correct the states `outputs` (m, K, 2n) of m members at `output_times` (K,) in place.
 
-        The runs ended at `times` (m,) in `states` (m, 2n). If a run ended exactly at an output time, its last state
-        is written there. After the end of a run NaN is written.
+        The runs ended at `times` (m,) in `states` (m, 2n). If a run ended exactly at an output time, its last state is
+        written there. After the end of a run NaN is written.
         """
         t0, t1 = self.single.span
         for index in np.flatnonzero((output_times == times[:, None]).any(axis=0)):

@@ -48,7 +48,7 @@ class Column(NamedTuple):
 
     @property
     def dimensions(self) -> tuple[str, ...]:
-        """The names of the array's dimensions in a store, after the first dimension, which is that of the members.
+        """The names of the array's dimensions in a store, after the dimension of the members.
 
         A column of states has one dimension less: its entries are stored as separate variables.
         """
@@ -230,7 +230,7 @@ NONE = np.empty(0)
 
 @dataclass(frozen=True, eq=False)
 class SampledRun:
-    """A run of one member with all its accepted states, for reductions; `parameters` (k,) are the member's."""
+    """A run of one member with all its accepted states, for reductions. `parameters` (k,) belong to this member."""
 
     model: Model
     run: Trajectory
@@ -264,7 +264,8 @@ class SampledRun:
     def _largest(self, expression: Any, sign: float, times: FloatArray, values: FloatArray, best: float) -> float:
         """Return the larger of `best` and the largest value of sign * expression on some steps.
 
-        `times` and `values` (k, SAMPLE_POINTS) are the sample points of the k steps, and the expression there.
+        `times` and `values` (k, SAMPLE_POINTS) are the sample points of the k steps, and the values of the expression
+        there.
         """
         signed = values * sign
         best = max(best, float(np.max(signed, where=signed == signed, initial=-np.inf)))

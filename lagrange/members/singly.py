@@ -88,8 +88,8 @@ def energies_of(
 ) -> Energies:
     """Return the energies and momenta of members at their starts and at their last states `after` (m, 2n).
 
-    `span` has the times of the starts and of the last states. `last_parameters` (m, k) are the parameters at the end
-    if events set some, else None.
+    `span` has the times of the starts and of the last states. `last_parameters` (m, k) are the parameters at the end if
+    events set some, else None.
     """
     first = _observed(model, starts.states, span[0], starts.parameters)
     last = _observed(model, after, span[1], starts.parameters if last_parameters is None else last_parameters)
@@ -119,9 +119,9 @@ class Explained(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RunEngine:
-    """Runs members one by one over a time span with the same options. `times` (K,) are output times or None.
+    """Runs members one by one over a time span with the same options.
 
-    `keep` and `columns` describe the results that are stored.
+    `times` (K,) are output times, or None. `keep` and `columns` describe the results that are stored.
     """
 
     model: Model
@@ -233,7 +233,7 @@ class RunEngine:
 class FlowEngine:
     """Runs members one by one by the compiled flow of a model, which returns only the last state.
 
-    `single` is the engine that runs members again that do not reach the end, to get a status and a message.
+    `single` runs a member again if it does not reach the end, to get a status and a message.
     """
 
     single: RunEngine

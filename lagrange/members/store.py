@@ -392,8 +392,8 @@ class StoredResults:
     def _rows(self, name: str, low: int, high: int) -> Any:
         """Return the results `name` of the members in the blocks from `low` to before `high`, as one array.
 
-        A column of states is stored as one variable for each entry of the state; these are joined. Raises RunError if
-        a block is damaged.
+        A column of states is stored as one variable for each entry of the state; these are joined. Raises RunError if a
+        block is damaged.
         """
         blank = next(column.blank for column in self._job.columns if column.name == name)
         first, last = low * self._size, self._bounds(high - 1)[1]

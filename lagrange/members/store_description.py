@@ -39,8 +39,8 @@ def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
 def start_name(label: str, names: Collection[str]) -> str:
     """Return the name of the variable in a store with the values of `label`, a key that varies between members.
 
-    If the key is an entry of the state, one of `names`, the name gets the suffix `_start`: the entry's name belongs
-    to its later values.
+    If the key is an entry of the state, one of `names`, the name gets the suffix `_start`: the entry's name belongs to
+    its later values.
     """
     return f"{label}_start" if label in names else label
 
@@ -78,8 +78,8 @@ LONG_ENTRIES = ("statement", "steps", "values", "events", "expressions")
 def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
     """Return the description of an ensemble as JSON-ready data: versions, statement, method, options and values.
 
-    `block` is the number of members in a block of its store. A store can be continued only by an ensemble with the
-    same description.
+    `block` is the number of members in a block of its store. A store can be continued only by an ensemble with the same
+    description.
     """
     problem, options = job.problem, job.options
     varied = hashlib.sha256()

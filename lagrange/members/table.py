@@ -27,7 +27,6 @@ from lagrange.trajectory.trajectory import FloatArray
 MemberNumbers = NDArray[np.int64]
 """Indices of members, from 0 on."""
 
-
 MOST_MEMBERS = 10**12
 """Largest number of members of a grid. At 1 us each they take eleven days, with 10 TB of results."""
 
@@ -37,8 +36,8 @@ class Varied:
     """The values of coordinates, velocities and parameters that vary between the members of an ensemble.
 
     `stated` has an array of values for each key. Without `crossed` it has one value for each member. With `crossed`,
-    for a grid, it has the points of the key's axis; the members are all combinations, and the last axis varies
-    fastest. `drawn` describes how random values were sampled.
+    for a grid, it has the points of the key's axis; the members are all combinations, and the last axis varies fastest.
+    `drawn` describes how random values were sampled.
     """
 
     stated: Mapping[Any, FloatArray]
@@ -68,7 +67,7 @@ class Varied:
     def __getitem__(self, key: Any) -> FloatArray:
         """Return the values (members,) of a key. Raises StatementError for a key that does not vary."""
         by_label = {label_of(varying): varying for varying in self.keys}
-        label = one_of(label_of(key), by_label, "{given} does not vary between the members; what varies is {known}.")
+        label = one_of(label_of(key), by_label, "{given} does not vary between members; the varying keys are {known}.")
         return self.values(by_label[label], np.arange(len(self)))
 
     @property
@@ -135,10 +134,10 @@ MOST_DIMENSIONS = 21201
 def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str = "sobol") -> Varied:
     """Return random values of `count` members, for `lagrange.ensemble`. The same seed gives the same values.
 
-    `ranges` maps coordinates, velocities, parameters or their names to (low, high), for a uniform distribution, or to
-    a distribution of `scipy.stats`, such as `norm(1.0, 0.1)`. `method` is "sobol" for a scrambled Sobol sequence,
-    "latin" for a Latin hypercube, or "random" for independent values. Source: `scipy.stats.qmc`. Raises StatementError
-    for a range without values.
+    `ranges` maps coordinates, velocities, parameters or their names to (low, high), for a uniform distribution, or to a
+    distribution of `scipy.stats`, such as `norm(1.0, 0.1)`. `method` is "sobol" for a scrambled Sobol sequence, "latin"
+    for a Latin hypercube, or "random" for independent values. Source: `scipy.stats.qmc`. Raises StatementError for a
+    range without values.
     """
     from scipy.stats import qmc  # Importing it takes as long as all other imports of a run.
 
@@ -204,8 +203,8 @@ def _drawn(label: str, distribution: Any, probabilities: FloatArray) -> FloatArr
 def _named(mapping: Any, what: str, entries: str) -> Any:
     """Return the (key, value) entries of a dict that the user gives.
 
-    `what` is the name of the argument, and `entries` describes its entries, for messages. Raises StatementError for
-    an empty dict, or for a key given twice.
+    `what` is the name of the argument, and `entries` describes its entries, for messages. Raises StatementError for an
+    empty dict, or for a key given twice.
     """
     table = table_of(mapping, what, entries)
     if not table:
@@ -219,8 +218,8 @@ class MemberTable:
     """The initial values of all members of an ensemble: a common state (2n,) and parameters (k,), and what varies.
 
     `varied` has the values of each key that varies: a coordinate, velocity, parameter, or its name. Three dicts say
-    where a key is used. `rows` maps the index of an entry of the state to its key, `columns` the index of a
-    parameter, and `rates` a rate of a rotation.
+    where a key is used. `rows` maps the index of an entry of the state to its key, `columns` the index of a parameter,
+    and `rates` a rate of a rotation.
     """
 
     varied: Varied

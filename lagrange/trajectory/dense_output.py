@@ -39,7 +39,7 @@ class StepPath:
         """Return the states (2n, K) at times (K,) in any order."""
         if len(self.times) < 2 or not len(times):
             return np.repeat(self.states[:1].T, len(times), axis=1)
-        return sorted_along(bool(self.times[-1] >= self.times[0]), times, self._sorted)
+        return sorted_along(self.times, times, self._sorted)
 
     def _sorted(self, requested_times: FloatArray) -> FloatArray:
         out = np.empty((self.states.shape[1], len(requested_times)))
@@ -51,7 +51,7 @@ class StepPath:
         self.dense.at(self.times, self.states, requested_times, out)
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
-        """Return the states (2n, k, K) at the fractions theta (K,) of each of k steps, which are given by index."""
+        """Return the states (2n, k, K) at the fractions theta (K,) of each of the k steps with the indices `steps`."""
         return np.asarray(polyval(theta, self.dense.coefficients(self.times, self.states, steps)))
 
 
@@ -107,12 +107,12 @@ def _by_piece(
     return states
 
 
-def sorted_along(forward: bool, times: FloatArray, at: Callable[[FloatArray], FloatArray]) -> FloatArray:
+def sorted_along(run_times: FloatArray, times: FloatArray, at: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """Return the states (2n, K) at times (K,) in any order, from a function `at` that needs sorted times.
 
-    `at` maps times that rise, or fall if not `forward`, to states (2n, K).
+    `at` maps times that are sorted like `run_times`, rising or falling, to states (2n, K).
     """
-    rising = times if forward else -times
+    rising = times if len(run_times) < 2 or run_times[-1] >= run_times[0] else -times
     if (rising[1:] >= rising[:-1]).all():
         return at(times)
     order = np.argsort(rising)
@@ -133,8 +133,7 @@ def step_path(
 ) -> StepPath:
     """Return the path by the formula `kind` through accepted times (S+1,) and states (S+1, 2n) of a model.
 
-    `parameters` are the model's parameters. `tableau` is the tableau of the method if the method is explicit
-    Runge-Kutta, else None.
+    `parameters` are the model's parameters. `tableau` is the tableau of an explicit Runge-Kutta method, else None.
     """
     derivative = model.kernel("jacobian") if kind.derivative else None
     dense = model.machine.dense(kind, model.kernel("rhs"), parameters, derivative)
@@ -171,8 +170,8 @@ def hermite_path(order: int) -> Callable[[Problem, FloatArray, FloatArray], Step
 class SeriesPath:
     """The path over accepted steps by Taylor series: times (S+1,), states (S+1, 2n), and the series of a given order.
 
-    `epochs` are pairs of a step index and an array: the parameters, and the signs of switching surfaces, from this
-    step on. `continuations` maps the indices of steps without a series to their dense output.
+    `epochs` are pairs of a step index and an array: the parameters, and the signs of switching surfaces, from this step
+    on. `continuations` maps the indices of steps without a series to their dense output.
     """
 
     series: Series
@@ -186,7 +185,7 @@ class SeriesPath:
         """Return the states (2n, K) at times (K,) in any order."""
         if len(self.times) < 2 or not len(times):
             return np.repeat(self.states[:1].T, len(times), axis=1)
-        return sorted_along(bool(self.times[-1] >= self.times[0]), times, self._sorted)
+        return sorted_along(self.times, times, self._sorted)
 
     def _sorted(self, requested_times: FloatArray) -> FloatArray:
         """Return the states (2n, K) at `requested_times` (K,), which are sorted in the direction of the run."""
@@ -215,8 +214,8 @@ class SeriesPath:
 class OutputPath:
     """Output times (K,), rising or falling, the states (2n, K) at these times, and the path between them.
 
-    `path` maps times (k,) to states (2n, k). It is None for a run that stored its outputs alone; `refusal` then
-    states the cause and the remedy.
+    `path` maps times (k,) to states (2n, k). It is None for a run that stored its outputs alone; `refusal` then states
+    the cause and the remedy.
     """
 
     times: FloatArray
@@ -226,8 +225,7 @@ class OutputPath:
 
     def __call__(self, times: FloatArray) -> FloatArray:
         """Return the states (2n, k) at times (k,). Without a path, raises RunError between output times."""
-        forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
-        return sorted_along(forward, times, self._sorted)
+        return sorted_along(self.times, times, self._sorted)
 
     def _sorted(self, requested_times: FloatArray) -> FloatArray:
         forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
@@ -274,16 +272,15 @@ class PiecewisePath:
 
 FEWEST_SPACINGS = 256
 """Length of a step, in spacings of the solver's times, below which its path is a straight line. A polynomial of degree
-up to 12 through states at rounded times would oscillate.
-"""
+up to 12 through states at rounded times would oscillate."""
 
 
 @dataclass(frozen=True, eq=False)
 class StepInterpolant:
     """The polynomial over one step from the time `begin`, by its `values` (k, 2n) at Chebyshev points.
 
-    `length` is the length of the step. The polynomial passes through both accepted states. The solver's own
-    interpolant may miss them by the tolerance.
+    `length` is the length of the step. The polynomial passes through both accepted states. The solver's own interpolant
+    may miss them by the tolerance.
     """
 
     begin: float
@@ -325,8 +322,8 @@ class StepInterpolant:
 class StepInterpolants(Sequence[StepInterpolant]):
     """The polynomials over the steps of a run, from the step with index `first` on. Each is made at its first access.
 
-    `entries` has for each step its polynomial, or a function that makes it by sampling the solver's path. Sampling
-    takes as long as a step of a fast solver, and few runs need states between their steps.
+    `entries` has for each step its polynomial, or a function that samples the solver's path. Sampling takes as long as
+    a step of a fast solver, and few runs need states between their steps.
     """
 
     def __init__(self, entries: list[Any], first: int = 0) -> None:
@@ -356,7 +353,7 @@ class SampledPath:
     interpolants: Sequence[StepInterpolant]
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
-        """Return the states (2n, k, K) at the fractions theta (K,) of each of k steps, which are given by index."""
+        """Return the states (2n, k, K) at the fractions theta (K,) of each of the k steps with the indices `steps`."""
         values = np.stack([self.interpolants[step].values for step in steps.tolist()])
         return np.asarray(np.moveaxis(_shares(values.shape[1], theta) @ values, -1, 0))
 

@@ -24,13 +24,13 @@ _SENTENCES: dict[Status, str] = {
     Status.MAX_MEMORY: "used up {max_memory} {where}, where {largest}: it keeps every step, for solution.at(t).",
     Status.NON_FINITE: "stopped {where}: {non_finite}.",
     Status.SINGULAR: "stopped {where}: {singular}",
-    Status.STEP_TOO_SMALL: "stopped {where}: the step that the tolerances ask for is below the spacing of floating-"
+    Status.STEP_TOO_SMALL: "stopped {where}: the step that the tolerances require is below the spacing of floating-"
     "point times. The largest entry of the state: {largest}.",
     Status.DIVERGED: "stopped {where}: the step did not converge. The largest entry of the state: {largest}.",
     Status.INTERRUPTED: "was interrupted {where}; what was computed until then is kept.",
 }
 
-_STIFF = "; a stiff system wants an implicit method such as radau5"
+_STIFF = "; a stiff system needs an implicit method such as radau5"
 
 _STICKS = (
     "; where a force jumps, as with sign(v), a body may stick, which needs tiny steps: smooth the jump by tanh(v/0.001)"
@@ -53,23 +53,23 @@ BLOW_UP_GROWTH = 1e6
 motion may turn out to be bounded."""
 
 SLOW_RESIDUAL = 1e-6
-"""Largest last correction, relative to the unknowns, at which Newton's method converges slowly. After a larger
-correction the solution is far away.
-"""
+"""Largest last correction of Newton's method, relative to the unknowns, that counts as slow convergence. After a larger
+correction the solution is far away."""
 
 COARSE_ATOL = 1e3
-"""A note mentions an entry if atol exceeds this multiple of rtol times the entry, which then loses three digits."""
+"""The message of a run names an entry of the state if `atol` exceeds this multiple of `rtol` times the entry. The entry
+then loses three digits."""
 
 CANCELLATION_NOISE = 2.0**-40
-"""Fraction of the largest coordinate, or velocity, below which an entry may be round-off."""
+"""An entry of the state may be rounding noise if it is below this fraction of the largest coordinate, or velocity."""
 
 UNITS = "choose units in which its numbers are larger"
-"""The remedy if a tolerance would be below the smallest normal numbers."""
+"""Remedy in a message if a tolerance would be below the smallest normal double."""
 
 UNPROJECTED = (
     "The state after the step is so far from the constraints that Newton's method does not bring it back onto them."
 )
-"""The cause if a step cannot be projected onto the constraints."""
+"""Cause in a message if the state after a step cannot be projected onto the constraints."""
 
 _SINGULAR = (
     "the mass matrix is singular there, so the accelerations are not determined. Start elsewhere, or choose "
@@ -126,8 +126,7 @@ def message(
 def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: float | None) -> str:
     """Return the sentence that says what to do after a run ended with `status`, or "".
 
-    `y` (2n,) is the last state, and `rtol` the relative tolerance, None for fixed steps. `method` is the name of the
-    method.
+    `y` (2n,) is the last state, and `method` the method's name. `rtol` is the relative tolerance, None for fixed steps.
     """
     if status.at_end or status is Status.INTERRUPTED:
         return ""
@@ -201,7 +200,7 @@ def events_fill(problem: Problem) -> str:
 
 
 def event_after_outputs(t: FloatArray) -> str:
-    """Return the note on a run that an event ended after the last output; `t` (N,) are the output times."""
+    """Return the note on a run that an event ended after the last output. `t` (N,) are the output times."""
     last = f"The last output before the event is at t = {number(t[-1])}" if len(t) else "No output is before the event"
     return f"{last}; y_events has the state at the event."
 
@@ -225,8 +224,8 @@ def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, i
     """Return the cause and the remedy for a run that used up a limit because a small entry keeps its steps short.
 
     `status` says which limit was used up, `max_steps` or `max_wall`. `y` (2n,) is the state. `which` is a pair of
-    indices: the small entry, and the entry of the same kind (coordinate or velocity) with the largest tolerance.
-    `atol` is the present absolute tolerance of the second.
+    indices: the small entry, and the entry of the same kind (coordinate or velocity) with the largest tolerance. `atol`
+    is the present absolute tolerance of the second.
     """
     limit, names, (row, largest) = status.value, problem.model.layout.names(), which
     return (
@@ -239,8 +238,8 @@ def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, i
 def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tolerances) -> Iterator[str]:
     """Yield a note if the absolute tolerance of a complete run gives an entry fewer correct digits than rtol specifies.
 
-    `states` (S+1, 2n) are the accepted states. An entry is ignored if it is only the rounding error of other entries
-    of its kind (coordinates or velocities).
+    `states` (S+1, 2n) are the accepted states. An entry is ignored if it is only the rounding error of other entries of
+    its kind (coordinates or velocities).
     """
     if not status.complete or not tolerances.rtol:
         return
@@ -256,7 +255,7 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
         return
     row = min(short, key=sizes.__getitem__)
     entry = f"{problem.model.layout.names()[row]} does not exceed {sizes[row]:.3g}"
-    request = f"rtol = {tolerances.rtol:g} asks for"
+    request = f"rtol = {tolerances.rtol:g} requires"
     lower = tolerances.rtol * sizes[row]
     if tolerances.share or lower < sys.float_info.min:
         yield f"{entry}, near the smallest of all doubles, and has fewer digits than {request}: {UNITS}."

@@ -19,13 +19,12 @@ from lagrange.trajectory.constraints.dependence import dependent_passage
 from lagrange.trajectory.constraints.discontinuities import Discontinuity
 from lagrange.trajectory.dense_output import OutputPath
 from lagrange.trajectory.ending_messages import message, number
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import Problem, part_of
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
 
 DOMAIN_PROBE = 1e-6
 """Distance, as a fraction of the run, at which the right-hand side is evaluated after the step became too small. It
-shows whether the equations have a value there.
-"""
+shows whether the equations have a value there."""
 
 
 def slope_ahead(model: Model, t: float, y: FloatArray, parameters: FloatArray, h: float) -> FloatArray:
@@ -71,10 +70,10 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     left, null = float(abs(values[which])), vectors[:, which]
     if not left < LOST_INERTIA * least or not _moves_along(problem, t, y, null / units, units**2):
         return ""
-    state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
+    state, motion = _named(model.layout.names(), y), motion_along(model.layout, y, null / units)
     return (
         f"the mass matrix d2L/dv2 becomes singular there, at {state}: the inertia of a motion with "
-        f"{motion_along(model.layout, y, null / units)} is {left / least:.2g} times the least inertia at the "
+        f"{motion} is {left / least:.2g} times the least inertia at the "
         "start, and its acceleration grows beyond all bounds. End the run before, or state a Lagrangian whose inertia "
         "does not vanish."
     )
@@ -103,8 +102,8 @@ def remaining_regularity(problem: Problem, t: Sequence[float], y: FloatArray) ->
 
 
 PLACES_AHEAD, MUCH_NEARER = 65, 0.1
-"""Search for a crossing of two motions on the two steps that follow a failed one: the number of points, and the factor
-to which the least singular value must decrease."""
+"""Number of points on the next two steps at which a crossing of two motions is searched for. It is found if the least
+singular value of the constraints decreases to the second number times its present value."""
 
 
 def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
@@ -125,14 +124,12 @@ def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> s
 
 NEARLY_DEPENDENT = 1e-2
 """A run with constraints may end as singular if the regularity of its state is below this number: the least singular
-value of constraint gradients or mass matrix, relative to that at the start.
-"""
+value of constraint gradients or mass matrix, relative to that at the start."""
 
 SHRUNK, TREND_STEPS = 0.5, 32
-"""After fixed steps that fail, a singular state ahead is searched for with step control if the regularity is below the
-first number, and has decreased during the second number of steps. During fewer steps a turn of a constraint gradient,
-which changes the regularity by up to sqrt(2), may hide the decrease.
-"""
+"""After failed fixed steps, a singular state ahead is searched for with step control in one case: the regularity is
+below the first number, and has decreased during the second number of steps. A turn of a constraint gradient changes the
+regularity by up to sqrt(2), which may hide the decrease during fewer steps."""
 
 SEARCH_SECONDS, SEARCH_MEMORY = 5.0, 2.0**28
 """Limits of the search for a singular state ahead, in seconds and bytes."""
@@ -157,21 +154,9 @@ def with_singular_state_ahead(problem: Problem, run: Trajectory, follow: Callabl
         return run
     y = np.ascontiguousarray(states[:, 1])
     reach = 2.0 * elapsed * present.regularity / (before.regularity - present.regularity)
-    ahead = follow(
-        replace(
-            problem,
-            t0=t,
-            t1=t + min(reach, problem.t1 - t, key=abs),
-            y0=y,
-            t_eval=None,
-            step=None,
-            max_wall=min(SEARCH_SECONDS, problem.max_wall or math.inf),
-            max_memory=SEARCH_MEMORY,
-            events=(),
-            progress=None,
-            began=time.perf_counter(),
-        )
-    )
+    limits = {"max_wall": min(SEARCH_SECONDS, problem.max_wall or math.inf), "max_memory": SEARCH_MEMORY}
+    t1 = t + min(reach, problem.t1 - t, key=abs)
+    ahead = follow(part_of(problem, t, t1, y, began=time.perf_counter(), **limits))
     end, last = ahead.span[1], np.ascontiguousarray(ahead.y[:, -1])
     (singular,) = remaining_regularity(problem, [end], last) if ahead.status is Status.SINGULAR else (None,)
     if singular is None or singular.regularity > NEARLY_DEPENDENT:
@@ -193,8 +178,7 @@ def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, fixed_step
     this state: then the message does not advise fixed steps, and names the coordinates without the velocities.
     """
     layout = problem.model.layout
-    named = zip(layout.coordinates if fixed_steps else layout.names(), y, strict=False)
-    state = few([f"{name} = {number(x)}" for name, x in named])
+    state = _named(layout.coordinates if fixed_steps else layout.names(), y)
     share = singular.regularity
     left = f"{share:.2g} times its value at the start"
     if singular.motion is not None:
@@ -216,15 +200,18 @@ def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, fixed_step
 def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
     """Return the message for a run that ends at a state (2n,) from which the motion may continue in two ways.
 
-    Errors as small as the tolerance would select one of them. `dependent` has the constraints whose gradients are
-    linearly dependent at this state.
+    Errors as small as the tolerance would select one. `dependent` has the constraints with dependent gradients.
     """
-    state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
-    names = problem.model.equations.constraints.names
+    names, state = problem.model.equations.constraints.names, _named(problem.model.layout.names(), y)
     return (
         f"{dependent_rows(names, dependent)} near there, and an error as small as the tolerance decides how the motion "
         f"goes on. The state is {state}. End the run before it, or pass it with fixed steps, such as those of rk4."
     )
+
+
+def _named(names: Sequence[str], y: FloatArray) -> str:
+    """Return the text of the first entries of a state y (2n,) with their `names`, for a message."""
+    return few([f"{name} = {number(x)}" for name, x in zip(names, y, strict=False)])
 
 
 def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, metric: FloatArray) -> bool:
@@ -242,8 +229,7 @@ def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, me
 
 NEAR_TABLE_END = 1e-6
 """Distance from the end of a table, as a fraction of its range, at which a failed run counts as ended by the table.
-Adaptive steps come closer.
-"""
+Adaptive steps come closer."""
 
 
 def table_left(problem: Problem, t: float, y: FloatArray, step: float = 0.0) -> str:
@@ -273,7 +259,7 @@ def table_left(problem: Problem, t: float, y: FloatArray, step: float = 0.0) -> 
 
 
 AT_THE_END = 1e-6
-"""Last fraction of a step that counts as its end, where steps of series end on known surfaces."""
+"""A discontinuity of a constraint in this last fraction of a Taylor step counts as at the end of the step."""
 
 
 def until_dependent(
@@ -281,8 +267,8 @@ def until_dependent(
 ) -> Trajectory:
     """Return `run`, cut before the first state after which rounding errors decide its motion.
 
-    At this state the constraints are dependent, and the motion may continue in several ways. `accepted` has the times
-    (S+1,) and states (S+1, 2n) of the accepted steps. `rtol` is the relative tolerance.
+    There the constraints are dependent, and the motion may continue in several ways. `accepted` has the times (S+1,)
+    and states (S+1, 2n) of the accepted steps. `rtol` is the relative tolerance.
     """
     times, states = accepted
     stopped = not run.status.complete and run.status is not Status.STEP_TOO_SMALL
@@ -361,8 +347,8 @@ def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory
 def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -> int | None:
     """Return the index of the first event that reset the motion at some of its zeros but let it pass at others.
 
-    `contacts` are the indices of the events that are tested. The result is None if there is no such event. A reset
-    that intentionally lets the motion through does not count.
+    `contacts` are the indices of the events to test. None is returned if there is no such event. A reset that lets the
+    motion through on purpose does not count.
     """
     model, forward = problem.model, 1.0 if problem.t1 >= problem.t0 else -1.0
     if isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None:

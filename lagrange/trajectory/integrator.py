@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, NamedTuple, Protocol, TypeVar
 
@@ -31,7 +31,6 @@ an absolute tolerance of 1e-12."""
 LEAST_SHARE = 2.0**-52
 """Smallest ratio of the default absolute tolerance of an entry to the entry's largest size: the spacing of doubles."""
 
-
 LEAST_ATOL = 1e-300
 """Replaces an absolute tolerance of zero, so that a coordinate that is exactly zero has a finite error ratio."""
 
@@ -42,8 +41,8 @@ class Tolerances:
 
     `rtol` and `atol` are the relative and absolute tolerance. `step` is the size of fixed steps, and 0 for steps of
     variable size, which `longest` bounds. If `share` is not zero, the absolute tolerance of an entry of the state
-    begins with `atol`. Later it is at least `share` times the largest size of the entry so far. A driver multiplies
-    the tolerances by `margin`.
+    begins with `atol`. Later it is at least `share` times the largest size of the entry so far. A driver multiplies the
+    tolerances by `margin`.
     """
 
     rtol: float = 0.0
@@ -178,12 +177,20 @@ class Problem:
 
     @property
     def parameter_array(self) -> FloatArray:
-        """The parameters' values (k,) in the statement's order, as kernels take them; computed once."""
+        """The parameters' values (k,) in the statement's order, as kernels take them. The array is computed once."""
         values = self._values
         if values is None:
             values = ordered(self.parameters, self.model.statement.parameters)
             object.__setattr__(self, "_values", values)
         return values
+
+
+def part_of(problem: Problem, t0: float, t1: float, y0: FloatArray, **options: Any) -> Problem:
+    """Return the problem from the state `y0` (2n,) at t0 to t1, without output times, events, step size and progress.
+
+    `options` are new values of other fields.
+    """
+    return replace(problem, t0=t0, t1=t1, y0=y0, t_eval=None, step=None, events=(), progress=None, **options)
 
 
 def run_by(integrator: Integrator, problem: Problem) -> Trajectory:

@@ -25,7 +25,7 @@ SPAN_ROUND_OFF = 1e-12
 
 SPARE_ROWS = WIDEST_VECTOR // 2
 """Number of unused rows that follow the rows of a driver call. Drivers write whole vectors, which may extend beyond the
-last state. A state has at least two numbers."""
+last state by this number of rows, since a state has at least two numbers."""
 
 PathOf = Callable[[FloatArray, FloatArray], StepPath]
 """Function that returns the dense output through accepted times (S+1,) and states (S+1, 2n)."""
@@ -73,7 +73,7 @@ class AcceptedStates:
     def begin_call(self, budget: int) -> tuple[FloatArray, FloatArray]:
         """Return memory for the times and states that the next call of the driver accepts, at most `budget` steps.
 
-        A reset takes a row, too. The driver writes a step or a reset in each iteration, and then the last step.
+        Each step and each reset takes a row. The last step takes another one.
         """
         self._times, self._rows = np.empty(budget + 1), np.empty((budget + 1 + SPARE_ROWS, self._rows.shape[1]))
         self._calls += 1
@@ -98,7 +98,7 @@ class AcceptedStates:
             self.followed.follow(self.parts, self.removed, last=last)
 
     def discontinuity(self) -> Discontinuity | None:
-        """Search the steps since the last call; return the first discontinuity of the constraints, or None."""
+        """Search the steps since the last call, and return the first discontinuity of the constraints, or None."""
         if self.discontinuities is not None:
             before, *new = self.parts[self._looked_at - self.removed - 1 :]
             if new:
@@ -128,7 +128,7 @@ class AcceptedStates:
     def joined(self) -> tuple[FloatArray, FloatArray]:
         """Return the accepted times (S+1,) and states (S+1, 2n).
 
-        If states were dropped, there are three rows: the start, the largest sizes of the entries, and the end.
+        After states were dropped there are three rows: the start, the largest sizes of the entries, and the end.
         """
         if self.removed:
             begin, end = self._begin, self.parts[-1]
@@ -143,12 +143,12 @@ class AcceptedStates:
 
 
 class FollowedSteps:
-    """Evaluates the states at output times during a run by steps other than Taylor steps.
+    """Evaluates the states at output times during a run, from the dense output of its steps.
 
-    It uses the dense output of each step. Since a dense output may use the previous step, the last two states of a
-    smooth piece are kept until the next call. `breaks` are the rows after which another smooth piece begins, which
-    the search for events records; None without events. `_known` is replaced by one assignment, so Ctrl-C leaves it
-    consistent.
+    It is not used for Taylor steps, whose driver writes these states. Since a dense output may use the previous step,
+    the last two states of a smooth piece are kept until the next call. `breaks` are the rows after which another smooth
+    piece begins, which the search for events records. It is None without events. `_known` is replaced by one
+    assignment, so Ctrl-C leaves it consistent.
     """
 
     def __init__(self, problem: Problem, times: FloatArray, path_of: PathOf, breaks: Breaks | None) -> None:
@@ -160,11 +160,13 @@ class FollowedSteps:
         self._done = 0
         self._known = np.array([problem.t0]), problem.y0[None], 0, 0, 1
         """Times and states of the kept rows, number of the first row, number of passed breaks, and number of read
-        parts.
-        """
+        parts."""
 
     def joined(self, count: int, last: FloatArray) -> FloatArray:
-        """Return the states (2n, count) at the first `count` output times, `last` (2n,) if not yet evaluated."""
+        """Return the states (2n, count) at the first `count` output times.
+
+        `last` (2n,) is the state at output times that were not evaluated yet.
+        """
         self._y[:, self._done : count] = last[:, None]
         return np.ascontiguousarray(self._y[:, :count])
 
@@ -214,8 +216,8 @@ class FollowedSteps:
 def output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> FloatArray | None:
     """Return the output times `t_eval` of a run from t0 to t1 as a checked array (N,), or None if there are none.
 
-    `width` is the number of entries of a state, for the message if memory does not suffice. Raises StatementError for
-    times outside the span and times that are not sorted in the direction of the run.
+    `width` is the size of a state, for the message if memory does not suffice. Raises StatementError for times outside
+    the span, or not sorted in the direction of the run.
     """
     if t_eval is None:
         return None

@@ -22,7 +22,6 @@ from lagrange.trajectory.integrator import Integrator, Problem, Tolerances
 PathFunction = Callable[[FloatArray], FloatArray]
 """Dense output: from times (K,) to states (2n, K)."""
 
-
 Watcher = StepWatch | SeriesWatch
 """Object that finds events along a run and handles them. Its `memory` serves the next run by the same driver."""
 
@@ -50,7 +49,7 @@ class Plan(Protocol):
         """Return a driver, the loop over steps, for parameters (k,)."""
 
     def watch(self, problem: Problem, driver: Any, memory: Any = None) -> Watcher | None:
-        """Return the watcher, which finds events and switching surfaces on the driver's steps; None without any.
+        """Return the watcher, which finds events and switching surfaces on the driver's steps, or None without any.
 
         `memory` is the memory of the watcher in a former run by this driver, which is used again, or None.
         """
@@ -58,13 +57,17 @@ class Plan(Protocol):
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> PathFunction:
         """Return the dense output through the accepted times (S+1,) and states (S+1, 2n) of a run.
 
-        `watch` is the watcher of events, which knows at which states the motion jumps, or None without events.
+        `watch` is the watcher of events, which has the states at which the motion jumps, or None without events.
         """
 
 
 @runtime_checkable
 class Planned(Protocol):
     """Protocol of an integrator whose driver can be prepared once for many runs."""
+
+    @property
+    def name(self) -> str:
+        """The name under which the method is registered."""
 
     def plan(self, problem: Problem) -> Plan:
         """Return the plan for a problem. Raises StatementError for a setting that the method does not use."""
@@ -97,7 +100,7 @@ class StepPlan:
     path_of: Callable[[Problem, FloatArray, FloatArray], StepPath]
     form: str = ""
     projected: bool = True
-    """True if steps are projected onto the constraints; False if they end on them already."""
+    """True if steps are projected onto the constraints, or False if they end on them already."""
 
     writes_outputs = False
     watched = False  # a step program passes switching surfaces without locating them
@@ -114,7 +117,7 @@ class StepPlan:
         return StepDriver(model.machine, self.step, model.law(law.quantity), parameters, derivative, projection)
 
     def watch(self, problem: Problem, driver: Driver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return the watcher, which finds the events of the run on the driver's steps; None without events."""
+        """Return the watcher, which finds the events of the run on the driver's steps, or None without events."""
         if not problem.events:
             return None
         fixed = self.step.control is None
@@ -136,17 +139,16 @@ DRIVERS_KEPT = 4
 """Largest number of idle drivers that a plan keeps, each for different parameters. The oldest is dropped."""
 
 MOST_BYTES = 2**20
-"""Largest memory, in bytes, of an event watcher with which a driver is kept: enough for some 30 entries of the state.
-Runs of larger systems take so long that making a new driver does not matter.
-"""
+"""Largest memory, in bytes, of the event watcher of a driver that is kept: enough for some 30 entries of the state.
+Runs of larger systems take so long that making a new driver does not matter."""
 
 
 class IdleDriver(NamedTuple):
     """A driver that waits for the next run with the same parameters, and the `state` that it advanced.
 
-    `first` are the `reals` of that state at the start of a run: time, step length, tolerances. `steps` is the number
-    of steps that the first driver call of the next run takes. It is the number of steps of the last run, or 0 if
-    these took too long for one call. `memory` is the memory of the watcher of events, or None.
+    `first` are the `reals` of that state at the start of a run: time, step length, tolerances. `steps` is the number of
+    steps that the first driver call of the next run takes. It is the number of steps of the last run, or 0 if these
+    took too long for one call. `memory` is the memory of the watcher of events, or None.
     """
 
     driver: Driver
@@ -172,9 +174,9 @@ class PreparedPlan:
     steps: int = 0
 
     def take(self, problem: Problem) -> IdleDriver | None:
-        """Remove an idle driver with the parameters of the problem and return it; None if there is none.
+        """Remove and return an idle driver with the parameters of the problem, or return None if there is none.
 
-        Its state is set to the start of the problem.
+        The state of the driver is set to the start of the problem.
         """
         idle = self.idle.pop(problem.parameter_array.tobytes(), None)
         if idle is not None:

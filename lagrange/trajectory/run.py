@@ -50,7 +50,7 @@ FIRST_STEPS = 1024
 """Number of steps of a flow before the first test of its pace. Interpreted steps take about a second for it."""
 
 STEPS_RECORDED = 2**14
-"""Largest number of steps of a flow with constraints. `integrate` repeats a longer run."""
+"""Largest number of steps of a flow with constraints. For a longer run the flow calls `integrate`."""
 
 HOPELESS = 4.0
 """An adaptive run is stopped if it needs more than this multiple of max_steps, at its pace so far."""
@@ -61,7 +61,7 @@ _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 class _Prepared(threading.local):
     """Memory of a flow between its runs in one thread: the driver, its state, and accepted states.
 
-    `times` (k,) and `states` (k, 2n) have enough rows for the start and `STEPS_RECORDED` steps.
+    `times` (k,) and `states` (k, 2n) have rows for the start and `STEPS_RECORDED` steps.
     """
 
     driver: Driver | None = None
@@ -345,8 +345,7 @@ def integrate_since(
 ) -> Solution:
     """Integrate a model over the times `span` with the given options, and return the Solution.
 
-    `initial` replaces entries of the statement's initial state. `began` is the time of the request by
-    `time.perf_counter`.
+    `initial` replaces entries of the stated initial state. `began` is the time of the request by `time.perf_counter`.
     """
     if flag(progress, "progress"):
         with progress_bar(time_span(span), enabled=True) as report:
@@ -436,9 +435,9 @@ def trajectory_of(
     progress: Callable[[float], None] | None = None,
     began: float | None = None,
 ) -> tuple[Trajectory, dict[Any, float]]:
-    """Run a model over a span of time; return the trajectory and the values of the parameters.
+    """Run a model over a span of time. Return the trajectory and the values of the parameters.
 
-    `progress` is called with the time that the run has reached; `began` is the time of the request by `perf_counter`.
+    `progress` is called with the time that the run has reached. `began` is the time of the request by `perf_counter`.
     Raises StatementError for an invalid request. A failure during the run sets the status of the trajectory.
     """
     if not isinstance(model, Model):
@@ -554,7 +553,7 @@ def time_span(span: Sequence[float]) -> tuple[float, float]:
 
 
 def span_or_end(span: float | Sequence[float]) -> tuple[float, float]:
-    """Return the first and the last time of a span; 0 and `span` if it is a number."""
+    """Return the first and the last time of a span. If `span` is a number, the first time is 0."""
     if isinstance(span, (Sequence, np.ndarray)):
         return time_span(span)
     return 0.0, real_number(span, "t_end")

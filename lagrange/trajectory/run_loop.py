@@ -68,17 +68,16 @@ _STATUS = {
     Outcome.UNPROJECTED: Status.DIVERGED,
 }
 
-
 NOTHING = np.empty(0)
 """Empty array of times, for an event that did not occur."""
 
 GOES_ON, PASSED, REACHED = EventResult(), EventResult(jumped=True), EventResult(Status.SUCCESS)
-"""Results of a driver call without events: continue; continue after a switch of the forces; the end is reached."""
+"""Results of a driver call without events: continue, continue after a switch of the forces, or end of the run."""
 
 
-def drive_by(method: Planned, problem: Problem, name: str) -> Trajectory:
+def drive_by(method: Planned, problem: Problem) -> Trajectory:
     """Run a problem by the plan of a method and return its trajectory. The model keeps the plan for later runs."""
-    return drive(problem, name, lambda: prepared(method, problem))
+    return drive(problem, method.name, lambda: prepared(method, problem))
 
 
 def drive(problem: Problem, name: str, prepare: Callable[[], PreparedPlan]) -> Trajectory:
@@ -179,8 +178,8 @@ def _check_first_slope(
 ) -> tuple[Status | None, str]:
     """Return a status and a message if the right-hand side has no value at the start of a run, else None and "".
 
-    `name` is the method's name. If `inertia` is True, the status is SINGULAR also for a coordinate that has no
-    inertia at the start, even if the right-hand side is finite.
+    `name` is the method's name. If `inertia` is True, the status is SINGULAR also for a coordinate that has no inertia
+    at the start, even if the right-hand side is finite.
     """
     model, y0 = problem.model, problem.y0
     kernel = model.kernel("rhs")
@@ -233,7 +232,7 @@ class _Run:
             rows.followed = FollowedSteps(problem, problem.t_eval, path_of, breaks)
 
     def advance_to_end(self, driver: Driver, per_call: int) -> tuple[Status, str]:
-        """Advance the run to its end; return its status and cause. The first driver call takes `per_call` steps."""
+        """Advance the run to its end. Return its status and cause. The first driver call takes `per_call` steps."""
         problem, state, rows, pace = self.problem, self.state, self.rows, Pace(self.problem)
         advance = EventDriver(driver, self.watch).advance if isinstance(self.watch, StepWatch) else driver.advance
         result = GOES_ON if self.watch is None else self.watch.begin(state)
@@ -337,8 +336,8 @@ class _Run:
     def ended(self, status: Status, detail: str, sentence: str) -> Trajectory:
         """Return the trajectory of the run, which ended with `status`.
 
-        `sentence` is its message. If it is empty, the message is made from the status and from `detail`, a sentence
-        on the cause, which may also be empty.
+        `sentence` is its message. If it is empty, the message is made from the status and from the cause `detail`, or
+        "".
         """
         problem, rows = self.problem, self.rows
         if not sentence:

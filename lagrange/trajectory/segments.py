@@ -33,7 +33,7 @@ def last_state(part: Trajectory) -> FloatArray:
 def rest_of(problem: Problem, part: Trajectory, y: FloatArray) -> Problem:
     """Return the rest of a problem after its segment `part`, from the state `y` (2n,) on.
 
-    The steps, wall time and events of the segment are subtracted from the limits of the problem.
+    The limits of the problem are reduced by the steps, wall time and events of the segment.
     """
     forward, begin = 1.0 if problem.t1 >= problem.t0 else -1.0, part.span[1]
     outputs = problem.t_eval
@@ -167,9 +167,8 @@ def _after_event(
 ) -> tuple[FloatArray, Mapping[Any, float], EventResult]:
     """Return the state (2n,) and the parameters after the events with indices `acting` at time t, and the result.
 
-    The result ends the run if the reset is impossible.
-    `before` (2n,) is the state before the events, and `segment` has the parameters before them. `problem` is the
-    whole run, with all events.
+    The result ends the run if the reset is impossible. `before` (2n,) is the state before the events, and `segment` has
+    the parameters before them. `problem` is the whole run, with all events.
     """
     model, y, events = problem.model, before.copy(), [problem.events[i] for i in acting]
     resets = model_events(model, events)

@@ -23,9 +23,8 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
 
 DISPLACEMENT, WIDER = 2.0**-26, 2.0**8
-"""Relative displacements of the state: the square root of the unit of rounding, and a multiple of it. If both
-displacements change a derivative equally, the derivative jumps, as at the end of a contact. The size of the jump is
-then used."""
+"""Relative displacements of the state: the square root of the unit of rounding, and a multiple of this. If both change
+a derivative equally, the derivative jumps, as at the end of a contact. The size of the jump is then used."""
 
 NEAR_REST = 2.0**-40
 """If the whole state is zero, the fastest rate is also estimated for a small motion: this fraction of the motion that
@@ -62,7 +61,7 @@ def first_floors(
 
 
 def slopes_of(model: Model, parameters: FloatArray) -> Slopes:
-    """Return the right-hand side of a model as a function f(t, y); it returns NaN if the mass matrix is singular."""
+    """Return the right-hand side of a model as a function f(t, y). It returns NaN if the mass matrix is singular."""
     try:
         law = one_state(model.kernel("rhs"), parameters)
     except SingularMassMatrix:
@@ -190,8 +189,8 @@ the largest change. A smaller change has no correct digits. A larger change may 
 displacement gives the same derivative."""
 
 MOST_DISPLACEMENTS = 8
-"""Largest number of displacements of one entry, from which derivatives are computed. If none is suitable, the
-derivatives are zero."""
+"""Largest number of displacements of one entry that are tried for its derivatives, which are zero if none is suitable.
+"""
 
 NOISE_AHEAD, EULER_STEPS = 1 / 8, 2
 """The noise is also evaluated at a later state. Between the two states are Euler steps: the second number of them, each
@@ -209,7 +208,7 @@ def some_rounded(layout: StateLayout, floors: FloatArray) -> bool:
 
 
 def noise_floors(model: Model, parameters: FloatArray, t: float, y: FloatArray, left: float) -> FloatArray:
-    """Return `NOISE_MULTIPLE` times the rounding noise of each entry (2n,); 0 if the mass matrix is singular.
+    """Return `NOISE_MULTIPLE` times the rounding noise of each entry (2n,), or 0 if the mass matrix is singular.
 
     The noise of a velocity is the noise of its acceleration times the natural time of the motion, which is at most the
     remaining time `left`. The noise of a coordinate is the noise of its acceleration times half of this time squared.
@@ -254,8 +253,8 @@ def _derivatives(
 ) -> FloatArray:
     """Return the derivatives (n,) of accelerations by entry j of the state y (2n,), from finite differences.
 
-    They are 0 if no displacement of the entry changes an acceleration by more than `noise` (n,), its rounding noise.
-    `force` (n,) are the accelerations at y.
+    `force` (n,) are the accelerations at y. A derivative is 0 if no displacement changes the acceleration by more than
+    its rounding noise, `noise` (n,).
     """
     least, aim, most = VISIBLE
     step, before = abs(float(y[j])) * 2.0**-26 or 2.0**-26, np.full_like(force, np.inf)
@@ -275,23 +274,24 @@ def _derivatives(
 
 
 def _spectral_radius(matrix: FloatArray) -> float:
-    """Return the largest absolute eigenvalue of a matrix (n, n); 0 if it has entries that are not finite."""
+    """Return the largest absolute eigenvalue of a matrix (n, n), or 0 if it has entries that are not finite."""
     if not matrix.any() or not np.isfinite(matrix).all():
         return 0.0
     return float(abs(np.linalg.eigvals(matrix)).max())
 
 
 FORCE_STEPS = (0.0, 1.0, 4.0, 16.0, 64.0)
-"""Later times at which forces are evaluated, in steps, because the forces of a system at rest may depend on time alone.
-From one survey of a run to the next, these times are multiplied by the last number."""
+"""Later times, in steps, at which forces are evaluated, because forces on a system at rest may depend on time alone. In
+each further estimate of sizes these times are multiplied by the last number."""
 
 DRIFT_STEPS, DRIFT_GROWTH = (1.0, 4.0), 8.0
 """Later times, in steps, at which forces are evaluated on a motion with constant velocities. A rejected step that hits
-a body at rest is one to five times as long as the next step. From one survey to the next, these times are multiplied by
-the second number."""
+a body at rest is one to five times as long as the next step. In each further estimate of sizes these times are
+multiplied by the second number."""
 
 REST_HALVINGS = 52
-"""At rest, forces are also evaluated at the remaining time, its half, its quarter and so on."""
+"""Number of later times at which forces are evaluated for a system at rest: the remaining time, its half, its quarter
+..."""
 
 
 def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
@@ -337,8 +337,8 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
 def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> bool:
     """Raise the floors (least absolute tolerances) in a driver state to rounding noise.
 
-    Floors that the user stated are not changed. Return True if a floor more than doubled. Without this, the steps of
-    a chain with one moving link would become small to resolve the noise of the links at rest.
+    Floors that the user stated are not changed. Return True if a floor more than doubled. Without this, the steps of a
+    chain with one moving link would become small to resolve the noise of the links at rest.
     """
     if not state.reals[DriverState.SHARE] > 0:
         return False

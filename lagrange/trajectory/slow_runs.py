@@ -37,8 +37,8 @@ def stuck(
 ) -> EventResult | None:
     """Return the end of a run at time t if its last accepted states stick to a switching surface, else None.
 
-    States stick if the motion returns to the surface from both sides, within the time `covered`, by which the run
-    advanced since the last test. `parts` are blocks of accepted states; the last `rows` states of the last block are
+    States stick if the motion returns to the surface from both sides within the time `covered`, by which the run
+    advanced since the last test. `parts` are blocks of accepted states. The last `rows` states of the last block are
     tested.
     """
     switched = switch(problem.model.equations.graph, problem.model.equations.accelerations)
@@ -73,7 +73,6 @@ SLOW = 16.0
 of a slow run are then compared with rounding noise. Computing the noise takes 1 to 20 ms; 4,096 steps of a small system
 take 2 ms."""
 
-
 LONG_APPROACH, NEARER = 2**19, 0.75
 """A slow run with constraints ends as singular if three conditions hold: the run has taken the first number of trial
 steps, its regularity is below `NEARLY_DEPENDENT`, and the regularity is below the second number times the regularity at
@@ -81,9 +80,9 @@ the last test. A run that only passes near a singular state needs fewer steps.""
 
 
 class Pace:
-    """Tests between driver calls for the causes of a slow run: rounding noise, or sticking to a switching surface.
+    """Tests between driver calls for causes of a slow run: rounding noise, or sticking to a switching surface.
 
-    `next_test` is the number of trial steps at which the next test is made.
+    The next test is made after `next_test` trial steps.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -93,9 +92,9 @@ class Pace:
     def test(self, state: DriverState, parts: Sequence[WrittenStates], result: EventResult) -> EventResult:
         """Return the end of a run that sticks to a switching surface, else the `result` of the last driver call.
 
-        `parts` are the accepted states. Sticking is tested in three cases: the run would reach `max_steps` at the
-        pace since the last test; steps become too small; an implicit step of any length did not converge. In a slow
-        run the floors (least absolute tolerances) are raised to rounding noise.
+        `parts` are the accepted states. Sticking is tested in three cases: the run would reach `max_steps` at the pace
+        since the last test; steps become too small; an implicit step of any length did not converge. In a slow run the
+        floors (least absolute tolerances) are raised to rounding noise.
         """
         if result.status is Status.DIVERGED and not result.detail and state.reals[DriverState.RTOL]:
             reach = UNSOLVED_REACH * abs(state.t - float(parts[-1].times[-UNSOLVED_ROWS:][0]))
@@ -118,7 +117,7 @@ class Pace:
     def _approaching(self, state: DriverState) -> EventResult | None:
         """Return the end of a run with constraints that approaches a singular state without reaching it, else None.
 
-        For example a mass on a rod whose length r shrinks to zero turns faster and faster: it needs about 1/r steps.
+        A mass on a rod whose length r shrinks to zero turns faster and faster, for example: it needs about 1/r steps.
         """
         if not len(self._problem.model.equations.constraints):
             return None

@@ -148,8 +148,7 @@ class Solution:
         """Return the parameters at times (K,), as the methods of a model take them.
 
         Without events that set parameters the result is `parameters` itself. Otherwise it is an array (k, K), with a
-        row for each parameter in the statement's order.
-        Raises StatementError for a time that the run did not reach.
+        row for each parameter in the statement's order. Raises StatementError for a time that the run did not reach.
         """
         return self.trajectory.parameters_at(np.atleast_1d(reached_times(self.trajectory, t)), self.parameters)
 
@@ -217,7 +216,7 @@ class Solution:
 
     @cached_property
     def stiff(self) -> Stiffness | None:
-        """The stiffness of a run whose steps were limited by stability and not by accuracy; None for other runs."""
+        """The stiffness of a run whose steps were limited by stability and not by accuracy, or None for other runs."""
         return stiffness(self.model, self.trajectory, self.parameters)
 
     def evaluate(self, expression: Any) -> FloatArray:
@@ -266,8 +265,8 @@ class Solution:
         """Return the forces of a constraint along the run: generalized forces G^T lambda, (n, N), in coordinate order.
 
         With `at`, return the force on that named point, (2, N) or (3, N): lambda dphi/dr where the constraint relates
-        only named points. G^T lambda is then the sum of (dr/dq)^T F over these points; the force on all others is
-        zero. Raises StatementError for an unknown name, and where forces on points are not determined.
+        only named points. G^T lambda is then the sum of (dr/dq)^T F over these points; the force on all others is zero.
+        Raises StatementError for an unknown name, and where forces on points are not determined.
         """
         return self._exerted.generalized(name) if at is None else self._exerted.on_point(name, at)
 
@@ -297,8 +296,8 @@ class Solution:
         """Write t, the coordinates, their velocities and the multipliers, one line per output time; numbers round-trip.
 
         `rate` is the number of lines per unit of time, from the first output on. `t` (K,) are the times of the lines.
-        Both read the dense output. A file is written whole or not at all. Raises StatementError for a path that
-        cannot be written and for a time that the run did not reach, RunError if the disk is full.
+        Both read the dense output. A file is written whole or not at all. Raises StatementError for a path that cannot
+        be written and for a time that the run did not reach, RunError if the disk is full.
         """
         from lagrange.show.files.run_files import write_csv
 
@@ -307,11 +306,11 @@ class Solution:
     def to_npz(self, path: str | os.PathLike[str]) -> Path:
         """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,), card (JSON) and statement (a scene).
 
-        For runs of few steps, t_between (K,) and y_between (2n, K) are states between the outputs, for animations.
-        With m constraints there are also constraint_error (N,), multipliers (m, N), and constraints (m,), their
-        names; with events t_event_0 (k,), y_event_0 (k, 2n), and so on; with contacts contact_begins (s,),
-        contact_modes (JSON), and contact_impacts_0 (k, 3 + slips): t, impulse, energy lost, friction. `lagrange.load`
-        reads the file. Raises StatementError for a path that cannot be written, RunError if the disk is full.
+        For runs of few steps, t_between (K,) and y_between (2n, K) are states between the outputs, for animations. With
+        m constraints there are also constraint_error (N,), multipliers (m, N), and constraints (m,), their names; with
+        events t_event_0 (k,), y_event_0 (k, 2n), and so on; with contacts contact_begins (s,), contact_modes (JSON),
+        and contact_impacts_0 (k, 3 + slips): t, impulse, energy lost, friction. `lagrange.load` reads the file. Raises
+        StatementError for a path that cannot be written, RunError if the disk is full.
         """
         from lagrange.show.files.atomic_file import write_atomically
         from lagrange.show.files.run_files import arrays_of_run
@@ -369,9 +368,8 @@ class Solution:
         "invariants", "path", "multipliers" and "violation", a coordinate or any SymPy expression, or a list of them.
         The default is the coordinates, the drifts and the paths of named points. `of` chooses coordinates. `ax` is
         Matplotlib axes or a list of them: one panel is drawn in each and their figure returned. `size` is (width,
-        height) in inches, `style` is "light" or "dark", and `dpi` is the dots per inch for which curves are drawn,
-        200 by default. Raises StatementError for a run without output, and for quantities that the system does not
-        have.
+        height) in inches, `style` is "light" or "dark", and `dpi` is the dots per inch for which curves are drawn, 200
+        by default. Raises StatementError for a run without output, and for quantities that the system does not have.
         """
         from lagrange.show.figures.run_figure import plot
 

@@ -45,8 +45,7 @@ class ParameterHistory:
     def changes(self, names: Sequence[str]) -> list[tuple[float, dict[str, float]]]:
         """Return for each segment but the first the time at which it begins, and the parameters that changed then.
 
-        The parameters are a dict from name to new value. `names` (k,) are the names of the parameters in the
-        statement's order.
+        The parameters are a dict from name to new value. `names` (k,) are all names in the statement's order.
         """
         new = zip(self.begins[1:].tolist(), self.values[1:], self.values[1:] != self.values[:-1], strict=True)
         return [
@@ -198,7 +197,7 @@ def with_fields(record: Record, **fields: Any) -> Record:
 
 
 def run_until(run: Trajectory, end: float) -> Trajectory:
-    """Return a run cut at an earlier time `end`, with its outputs and events up to there."""
+    """Return a run cut at an earlier time `end`, with its outputs and events until then."""
     forward = 1.0 if run.span[1] >= run.span[0] else -1.0
     before = forward * (run.t - end) <= 0
     events = [forward * (times - end) <= 0 for times in run.t_events]

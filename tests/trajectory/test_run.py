@@ -142,7 +142,7 @@ WHERE = "at t = 0.25 on the way from 1 to -3"
         (Status.MAX_WALL, f"rk4 used up max_wall = 0.5 s {WHERE}, where r_dot is 3e+09. Raise max_wall, or"),
         (Status.NON_FINITE, f"rk4 stopped {WHERE}: the derivative of the state is nan or infinite, soon after "),
         (Status.SINGULAR, f"rk4 stopped {WHERE}: the mass matrix is singular there, so "),
-        (Status.STEP_TOO_SMALL, f"rk4 stopped {WHERE}: the step that the tolerances ask for is below "),
+        (Status.STEP_TOO_SMALL, f"rk4 stopped {WHERE}: the step that the tolerances require is below "),
         (Status.DIVERGED, f"rk4 stopped {WHERE}: the step did not converge. The largest entry of the state: r_dot is "),
         (Status.INTERRUPTED, f"rk4 was interrupted {WHERE}; what was computed until then is kept."),
     ],
@@ -194,7 +194,7 @@ SAID: list[tuple[Status, Any, str, dict[str, Any], str]] = [
     ),
     (Status.DIVERGED, SMALL, "radau5", {"rtol": 1e-9}, "Take another method, such as taylor;"),
     (Status.DIVERGED, SMALL, "scipy-radau", {"rtol": 1e-9}, "such as radau5;"),
-    (Status.MAX_STEPS, STATE, "rk4", {}, "a stiff system wants an implicit method such as radau5."),
+    (Status.MAX_STEPS, STATE, "rk4", {}, "a stiff system needs an implicit method such as radau5."),
 ]
 
 
@@ -210,7 +210,7 @@ def test_an_absolute_tolerance_that_leaves_an_entry_few_digits_is_spoken_of() ->
     states = np.array([[1.0, -3e-7, 2.0, 0.0], [0.5, 2e-7, 1.0, 0.0]])
     given = Tolerances(1e-9, 1e-12)
     assert [*coarse(PROBLEM, Status.SUCCESS, states, given)] == [
-        "phi does not exceed 3e-07, so atol = 1e-12 leaves it fewer digits than rtol = 1e-09 asks for: leave atol out, "
+        "phi does not exceed 3e-07, so atol = 1e-12 leaves it fewer digits than rtol = 1e-09 requires: leave atol out, "
         "so that it follows the size of each entry, or lower it to some 3e-16."
     ]
     assert not [*coarse(PROBLEM, Status.SUCCESS, states, Tolerances(1e-9, 1e-16))]
@@ -219,13 +219,13 @@ def test_an_absolute_tolerance_that_leaves_an_entry_few_digits_is_spoken_of() ->
     assert not [*coarse(PROBLEM, Status.MAX_STEPS, states, given)]  # what ended the run is said, and nothing beside it
     least = Tolerances(1e-9, 1e-300, 1e-12)
     assert [*coarse(PROBLEM, Status.SUCCESS, 1e-300 * states, least)] == [
-        "phi does not exceed 3e-307, near the smallest of all doubles, and has fewer digits than rtol = 1e-09 asks "
-        "for: choose units in which its numbers are larger."
+        "phi does not exceed 3e-307, near the smallest of all doubles, and has fewer digits than rtol = 1e-09 "
+        "requires: choose units in which its numbers are larger."
     ]
     noise = np.array([[1.0, 1e-16, 2.0, 1e-15]])
     assert not [*coarse(PROBLEM, Status.SUCCESS, noise, given)]  # round-off needs no digits
     mixed = [*coarse(PROBLEM, Status.SUCCESS, np.array([[1.0, -3e-7, 2.0, 1e-15]]), given)]
-    assert mixed[0].endswith("asks for: lower it to some 3e-16.")  # without atol steps would follow phi_dot
+    assert mixed[0].endswith("requires: lower it to some 3e-16.")  # without atol steps would follow phi_dot
 
 
 # --- unresolved coordinates -----------------------------------------------------------------------------------

@@ -93,9 +93,9 @@ def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
 
 
 def _held(key: Any, coordinates: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the entries of the state that determine `key`, a rotation R or its rates R.body or R.space; else (key,).
+    """Return the entries of the state that determine `key`, a rotation R or its rates R.body or R.space.
 
-    The rates depend on the entries of the quaternion and on their velocities.
+    The rates depend on the entries of the quaternion and on their velocities. For another key the result is (key,).
     """
     for each, _, _ in quaternion_rows(coordinates):
         if isinstance(key, Rotation) and key == each:
@@ -108,8 +108,8 @@ def _held(key: Any, coordinates: tuple[Any, ...]) -> tuple[Any, ...]:
 def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return the state y (2n,) if it satisfies the constraints, or its projection if it misses them by rounding.
 
-    Velocities of coordinates without inertia are computed if they are zero. For a state that misses the constraints
-    by more than rounding, raises StatementError, which names the constraints.
+    Velocities of coordinates without inertia are computed if they are zero. For a state that misses the constraints by
+    more than rounding, raises StatementError, which names the constraints.
     """
     if not len(model.equations.constraints) or residuals_of(model).are_zero(t, y, parameters):
         return y
@@ -152,7 +152,7 @@ def violation(
 ) -> str:
     """Return a warning if the last state y (2n,) of a run violates the constraints, else "".
 
-    The run has the length `duration`, and `fastest` (n,) are its largest speeds.
+    `duration` is the duration of the run, and `fastest` (n,) are its largest speeds.
     """
     residuals = residuals_of(model)
     corner = residuals.at_corner(t, y, parameters)
@@ -183,7 +183,7 @@ def violation(
 
 
 def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
-    """Return a note if the initial state `before` (2n,) was moved onto the constraints, to `after`; else ""."""
+    """Return a note if the initial state `before` (2n,) was moved onto the constraints, to `after`, else ""."""
     entered = np.array(model.equations.following, dtype=int)
     changes = np.abs(after - before)
     changes[entered[before[entered] == 0.0]] = 0.0

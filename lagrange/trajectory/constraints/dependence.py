@@ -35,8 +35,7 @@ The entries of a typed start may be rounded to 1e-6, so that dependent rows diff
 
 VANISHING_RATIO = 1e-3
 """A constraint gradient vanishes if its size decreases to this fraction between the samples. The gradient of a squared
-constraint decreases to 1e-6 / AROUND.
-"""
+constraint decreases to 1e-6 / AROUND."""
 
 
 def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
@@ -71,15 +70,14 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
 
 _INDEPENDENT: WeakKeyDictionary[Model, bytes] = WeakKeyDictionary()
 """For each model the parameters for which its constraints were last found independent, at a state that satisfies them.
-With the same parameters they are not dependent everywhere on the surface. With other parameters they may be.
-"""
+With the same parameters they are not dependent everywhere on the surface. With other parameters they may be."""
 
 
 def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
     """Raise StatementError if constraints are dependent at a start and at all nearby states that satisfy them.
 
-    Without this test, rounding may make the rows of their gradient look independent, with multipliers of 1e16. Only
-    the first start for each set of parameters is tested.
+    Without this test, rounding may make the rows of their gradient look independent, with multipliers of 1e16. Only the
+    first start for each set of parameters is tested.
     """
     if model.statement.redundant != REFUSE or _INDEPENDENT.get(model) == parameters.tobytes():
         return
@@ -91,8 +89,8 @@ def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatAr
 def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> bool:
     """Return True if a quick test shows that the rows of the gradient G are independent at a state y (2n,).
 
-    The test fails also if a row at y is much smaller than the same row at a nearby state. It takes 0.02 ms for a
-    four-bar linkage. If it fails, `dependence_around` decides, in 0.8 ms.
+    The test also fails if a row at y is much smaller than at a nearby state. It takes 0.02 ms for a four-bar linkage.
+    After a failure `dependence_around` decides, in 0.8 ms.
     """
     q = model.layout.split(y)[0]
     beside = y.copy()
@@ -140,8 +138,7 @@ SURELY_FAR = 1e2
 
 AWAY, STATES_AFTER = 0.1, 32
 """Relative singular value above which a motion has moved away from a crossing, and the number of states after the
-crossing at which this is tested.
-"""
+crossing at which this is tested."""
 
 
 def dependent_passage(
@@ -204,7 +201,10 @@ class _Nearness:
             return np.moveaxis(self._residuals.gradients(times, states.T, self._parameters)[self._rows], 2, 0)
 
     def at(self, times: FloatArray, states: FloatArray) -> FloatArray:
-        """Return the relative least singular values (k,) at times (k,), states (k, 2n); infinity if G is not finite."""
+        """Return the relative least singular values (k,) of G at times (k,) and states (k, 2n).
+
+        A value is infinite if G is not finite.
+        """
         matrices = self._gradients(times, states) / self._lengths
         finite = np.isfinite(matrices).all(axis=(1, 2))
         values = np.full(len(times), np.inf)
@@ -214,7 +214,7 @@ class _Nearness:
         return values
 
     def dependent(self, t: float, y: FloatArray) -> Singular | None:
-        """Return the combination of constraints that is most nearly dependent at y (2n,); None if G is not finite."""
+        """Return the combination of constraints nearest to dependence at y (2n,), or None if G is not finite."""
         unit = np.eye(self._longest.shape[1])
         gradient = self._residuals.gradient(t, y, self._parameters)[self._rows]
         return least_regular(unit, gradient, scales(unit, self._longest))

@@ -36,8 +36,7 @@ CHANGE_NOISE = 1e-9
 
 VANISHING_GRADIENT = 1e-2
 """Largest row of G, relative to its size at the ends of a step, that counts as zero. The rows at both ends must be
-parallel, and the constraint must hold to this fraction. Neither is true while a velocity turns.
-"""
+parallel, and the constraint must hold to this fraction. Neither is true while a velocity turns."""
 
 SEARCH_AHEAD = 1e-6
 """Distance, as a fraction of the run, that is searched for a discontinuity after steps became too small."""
@@ -83,8 +82,8 @@ class Discontinuities:
     def ahead(self, t: float, y: FloatArray, step: float) -> str:
         """Return a message if the motion soon meets a discontinuity of a constraint, else "".
 
-        The motion is continued from the state y (2n,) at time t in a straight line along its slope. The search
-        extends over two steps of the size `step`, or over a small fraction of the run if `step` is 0.
+        The motion from the state y (2n,) at time t is replaced by a straight line along its slope. The search extends
+        over two steps of the size `step`, or over a small fraction of the run if `step` is 0.
         """
         h = 2 * step if step else SEARCH_AHEAD * self.span
         try:
@@ -152,8 +151,8 @@ class Discontinuities:
     ) -> FloatArray:
         """Return for k pairs of a step and a surface the fractions (k,) of the step at which the surface is crossed.
 
-        Pair i is the step that begins at the state with index `rows[i]`, and the surface with index `surfaces[i]`. On
-        a step, the states lie on the straight line to the next state.
+        Pair i is the step that begins at the state with index `rows[i]`, and the surface with index `surfaces[i]`. On a
+        step, the states lie on the straight line to the next state.
         """
         columns = np.arange(len(rows))
 
@@ -208,9 +207,9 @@ class _Surface:
     """Constraints at k states on one side of a switching surface, scaled so that two sides can be compared.
 
     `values` (p + m, k) are the p constraints on positions, phi, and the m on velocities, psi. `sizes` are the sizes of
-    their terms. `rows` (m, n, k) is the gradient G.
-    `positions` (p,) are the indices of the rows of G that belong to phi. Everything is divided by the lengths of the
-    rows of G. So a factor of a constraint that changes at the surface makes no difference.
+    their terms. `rows` (m, n, k) is the gradient G. `positions` (p,) are the indices of the rows of G that belong to
+    phi. Everything is divided by the lengths of the rows of G. So a factor of a constraint that changes at the surface
+    makes no difference.
     """
 
     values: FloatArray

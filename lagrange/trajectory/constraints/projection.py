@@ -37,8 +37,8 @@ steps keep, so that the first step does not move a projected start."""
 NEAREST_CORRECTIONS = 60
 """Largest number of corrections of a start by Newton's method, which converges within ten from a nearby state."""
 
-SHORTEST_SHARE = 2.0**-10
-"""Smallest fraction to which a correction is shortened. If that does not help, the search ends."""
+SHARES = tuple(2.0**-k for k in range(11))
+"""Fractions of a correction that are tried in turn. If none of them helps, the search ends."""
 
 MOST_DESCENTS = 200
 """Largest number of steps along the surface to the nearest point. A step multiplies the remaining distance by about the
@@ -46,7 +46,6 @@ curvature of the surface times the distance of the two points."""
 
 NEAREST = 1e-9
 """A point is the nearest if the step along the surface is below this fraction of the distance, or is rounding."""
-
 
 Surface = Callable[[FloatArray], Residuals]
 
@@ -71,12 +70,11 @@ class Nearest:
             along = self._step(residuals, start - x, np.zeros_like(residuals.values))
             if self._length(along) <= max(NEAREST * self._length(x - start), CONVERGED * self._length(x)):
                 break
-            share, before = 1.0, self._length(x - start)
-            while share >= SHORTEST_SHARE:
+            before = self._length(x - start)
+            for share in SHARES:
                 trial, trial_residuals = self.restored(x + share * along)
                 if trial_residuals.largest <= ON_SURFACE and self._length(trial - start) < before:
                     break
-                share /= 2
             else:
                 break
             x, residuals = trial, trial_residuals
@@ -92,19 +90,18 @@ class Nearest:
         for _ in range(NEAREST_CORRECTIONS):
             if not CONVERGED < residuals.largest < math.inf or not np.isfinite(residuals.gradient).all():
                 break
-            correction, share = self._step(residuals, np.zeros_like(x), -residuals.values), 1.0
-            while share >= SHORTEST_SHARE:
+            correction = self._step(residuals, np.zeros_like(x), -residuals.values)
+            for share in SHARES:
                 trial_residuals = self._surface(x + share * correction)
                 if trial_residuals.largest < residuals.largest:
                     break
-                share /= 2
             else:
                 break
             x, residuals = x + share * correction, trial_residuals
         return x, residuals
 
     def _step(self, residuals: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
-        """Return the displacement d (k,) closest to `towards` (k,) with G d = `right` (m,); zero if d overflows.
+        """Return the displacement d (k,) closest to `towards` (k,) with G d = `right` (m,), or zero if d overflows.
 
         G is the gradient of the `residuals`. Distances are measured by the metric.
         """
@@ -154,7 +151,7 @@ class Projection:
     def share(self, y: FloatArray) -> float:
         """Return the largest violation of a constraint at a state (2n,), relative to the size of its residual.
 
-        This size is the larger of the constraint's terms and its gradient times the size of the state's entries.
+        The size is the larger of the constraint's terms and its gradient times the size of the state's entries.
         """
         units = units_of(self.metric(y))
         return max(self._at(part, y, units).largest for part in (0, 1))
@@ -186,7 +183,7 @@ class Projection:
         return np.where(alone & (y == 0.0), completed_state, y)
 
     def solved_for(self, rows: Sequence[int], y: FloatArray) -> FloatArray | None:
-        """Return a state with the entries `rows` (indices) computed from all others; None if that is impossible.
+        """Return a state with the entries `rows` (indices) computed from all others, or None if that is impossible.
 
         The equations are the constraints, and the equations of motion of coordinates without inertia.
         """
@@ -242,8 +239,8 @@ class Projection:
         """Return the state with the nearest coordinates (part 0) or velocities (part 1) on the constraints.
 
         The second result has the residuals at this state. `units` (n,) are the scales of displacements, the square
-        roots of inertia. If the search fails, the state is the last iterate. If `nearest` is False, a state close to
-        y (2n,) is returned instead, in less time.
+        roots of inertia. If the search fails, the state is the last iterate. If `nearest` is False, a state close to y
+        (2n,) is returned instead, in less time.
         """
         rows = (self.model.layout.q, self.model.layout.v)[part]
 

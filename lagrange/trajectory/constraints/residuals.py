@@ -31,8 +31,8 @@ CORNER = 1e-4
 class Residuals:
     """Residuals of a surface at a point (k,): m values that are zero on the surface, and their gradients (m, k).
 
-    `terms` (m,) are the sizes of the terms that cancel in each value. `sizes` (m,) are the scales to which rounding
-    is relative. The scale of a value is the larger of its terms and its gradient times the entries of the point.
+    `terms` (m,) are the sizes of the terms that cancel in each value. `sizes` (m,) are the scales to which rounding is
+    relative. The scale of a value is the larger of its terms and its gradient times the entries of the point.
     """
 
     values: FloatArray
@@ -42,7 +42,7 @@ class Residuals:
 
     @property
     def largest(self) -> float:
-        """The largest residual relative to its size; infinity if a residual is not finite."""
+        """The largest residual relative to its size, or infinity if a residual is not finite."""
         with np.errstate(all="ignore"):
             shares = np.abs(self.values) / np.where(self.sizes > 0, self.sizes, 1.0)
         return float(shares.max(initial=0.0)) if np.isfinite(shares).all() else np.inf
@@ -53,8 +53,7 @@ class ConstraintResiduals:
 
     psi has the time derivatives of phi, and the constraints that are stated in velocities. G = dpsi/dv (m, n) is the
     gradient by the velocities. The size of a constraint on velocities is the size of its terms. The size of a
-    constraint on positions is at least the gradient times the largest entry, since the only term of y = 0 is y
-    itself.
+    constraint on positions is at least the gradient times the largest entry, since the only term of y = 0 is y itself.
     """
 
     def __init__(self, model: Model) -> None:
@@ -76,8 +75,7 @@ class ConstraintResiduals:
         self.settled = count if equations.settled else 0
         """Number of constraints, the last ones, that only define velocities of coordinates without inertia.
 
-        Such a velocity may jump: the motion does not use the velocity in the state.
-        """
+        Such a velocity may jump: the motion does not use the velocity in the state."""
         stated = (*positions, *constraints.velocities)
         entries = [entry for row in constraints.gradient for entry in row]
         # Nearly all entries of a long chain are zero, and are not evaluated. If all are zero, one entry is kept.
@@ -194,7 +192,7 @@ _KNOWN: WeakKeyDictionary[Model, ConstraintResiduals] = WeakKeyDictionary()
 
 
 def residuals_of(model: Model) -> ConstraintResiduals:
-    """Return the residuals of a model, cached in the model."""
+    """Return the functions that evaluate a model's constraints, which are made at the first call for this model."""
     residuals = _KNOWN.get(model)
     if residuals is None:
         residuals = _KNOWN[model] = ConstraintResiduals(model)

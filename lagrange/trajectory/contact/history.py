@@ -48,10 +48,10 @@ class Impact:
 class ContactHistory:
     """The history of contacts along a run: the segments, each with its mode, and the impacts.
 
-    `begins` (s,) are the times at which segments begin, and `modes` their modes (the state of each contact).
-    `impacts` has an array (k, 3 + slips) for each contact: time, normal impulse, energy lost, friction impulse.
-    `rests` has for each contact the times at which its impacts accumulate. `rubbed` (N,) is the energy that sliding has
-    dissipated up to each output, in a run read from a file; else it is computed.
+    `begins` (s,) are the times at which segments begin, and `modes` their modes (the state of each contact). `impacts`
+    has an array (k, 3 + slips) for each contact: time, normal impulse, energy lost, friction impulse. `rests` has for
+    each contact the times at which its impacts accumulate. `rubbed` (N,) is the energy that sliding has dissipated up
+    to each output, in a run read from a file; else it is computed.
     """
 
     begins: FloatArray
@@ -138,7 +138,7 @@ class ContactRun:
         return lost
 
     def arrays(self) -> dict[str, Any]:
-        """Return the history as arrays by name, to be stored in a file; `stored_history` reads them."""
+        """Return the history as arrays by name, to be stored in a file. The function `stored_history` reads them."""
         history = self.history
         arrays: dict[str, Any] = {"begins": history.begins, "rubbed": self._rubbed(self.trajectory.t)}
         arrays["modes"] = np.array(json.dumps([astuple(mode) for mode in history.modes]))
@@ -221,7 +221,7 @@ class ContactResult:
 
     @cached_property
     def force(self) -> FloatArray:
-        """The normal force at the output times, (N,); zero while the contact is open."""
+        """The normal force at the output times, (N,). It is zero while the contact is open."""
         return np.where(self.mode == OPEN, 0.0, self._run.evaluate(self._stated.normal))
 
     @cached_property

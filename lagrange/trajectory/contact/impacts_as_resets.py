@@ -7,7 +7,7 @@ velocities by M^-1 W^T P, and dissipates the energy (1 - e^2) u^2 / (2 W M^-1 W^
 Friction has explicit formulas for one closed contact. The state has one more coordinate, the way w: 1 or -1 while the
 contact slides, 0 while it sticks. The equations are M a = h + W N + D f, with constant M, D = dslip/dv and W M^-1 D =
 0. The normal force then is N = -(W M^-1 h + d2gap/dt2) / (W M^-1 W^T). The force that holds the slip at zero is F = -(D
-M^-1 h + dslip/dt) / (D M^-1 D^T). The friction force is f = (1 - w^2) F - mu w N.
+   M^-1 h + dslip/dt) / (D M^-1 D^T). The friction force is f = (1 - w^2) F - mu w N.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ ORTHOGONAL = 1e-14
 class WrittenImpacts:
     """Impacts without friction as resets of events: `resets` has one reset for each contact, or None.
 
-    A reset is a dict from symbol to new value. It is None if the restitution is zero, the formulas are too long, or
-    the gap is not a polynomial. `kernel` returns for each contact the impulse, the energy lost and the impact speed.
+    A reset is a dict from symbol to new value. It is None if the restitution is zero, the formulas are too long, or the
+    gap is not a polynomial. `kernel` returns for each contact the impulse, the energy lost and the impact speed.
     """
 
     resets: tuple[dict[Any, Any] | None, ...]
@@ -63,7 +63,7 @@ class WrittenImpacts:
 
 @lru_cache(maxsize=MODELS_KEPT)
 def written_impacts(model: Model) -> WrittenImpacts | None:
-    """Return the impacts of a model as formulas; None with constraints, friction or many coupled coordinates."""
+    """Return the impacts of a model as formulas, or None with constraints, friction or many coupled coordinates."""
     statement = model.statement
     if statement.constraints or any(contact.slip and not contact.friction[0].is_zero for contact in statement.contacts):
         return None
@@ -204,7 +204,7 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
 def _written(model: Model, which: int, lines: list[Any], responses: list[Any]) -> WrittenFriction:
     """Return the friction of the contact with index `which` as formulas.
 
-    `lines` are W = dgap/dq and D = dslip/dv, and `responses` are M^-1 W and M^-1 D with the mass matrix M.
+    `lines` are W = dgap/dq and D = dslip/dv. `responses` are M^-1 W and M^-1 D, with the mass matrix M.
     """
     statement, contact, layout = model.statement, model.statement.contacts[which], model.layout
     q, rates = statement.coordinates, statement.velocities

@@ -21,8 +21,7 @@ from lagrange.trajectory.trajectory import FloatArray
 
 TOUCHING = 1e-13
 """A gap counts as zero below this fraction of the largest terms of any gap so far, which is far above rounding. The
-terms of all gaps are used, because balls that rest at coordinates of zero have no terms.
-"""
+terms of all gaps are used, because balls that rest at coordinates of zero have no terms."""
 
 HELD = 1e-12
 """Largest gap, relative to the terms of gaps, of a contact that stays closed without a projection onto zero gaps."""
@@ -70,7 +69,7 @@ def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any
 
 @lru_cache(maxsize=MODELS_KEPT)
 def _rows(model: Model) -> tuple[list[list[int]], list[int], NDArray[np.intp]]:
-    """Return for each contact the indices of its rows and of its dgap/dt; and the contact of each row.
+    """Return the indices of the rows and of the row dgap/dt of each contact, and the contact of each row.
 
     A row is a rate: dgap/dt or a slip. The results are `rows`, `normals` and `owners` of `Kinematics`.
     """
@@ -199,7 +198,8 @@ class Kinematics:
     def at(self, t: float, y: FloatArray, before: ContactState | None = None) -> ContactState:
         """Return the contacts at a state y (2n,), an array that is not changed afterwards.
 
-        With `before`, the contacts at a state with the same coordinates up to rounding, its mass matrix is used again.
+        With `before`, the contacts at a state with the same coordinates up to rounding, that state's mass matrix is
+        used again.
         """
         k, rows = len(self.contacts), len(self._terms)
         values = self._contacts(t, y, self.parameters)

@@ -122,7 +122,7 @@ class Modes:
         self._prepared: dict[tuple[Any, ...], PreparedMode] = {}
 
     def friction(self, mode: Mode) -> WrittenFriction | None:
-        """Return a model in which the friction of the only closed contact is resets of events; None if impossible."""
+        """Return a model in which the friction of the only closed contact is resets of events, or None."""
         closed = mode.closed
         if len(closed) != 1 or mode.states[closed[0]] == CLOSED or mode.bouncing or mode.independent is not None:
             return None
@@ -213,8 +213,8 @@ modes_of = lru_cache(maxsize=MODELS_KEPT)(Modes)
 def mode_statement(statement: Statement, mode: Mode) -> Statement:
     """Return the statement of a mode, without contacts: closed gaps are constraints, and friction is a force.
 
-    For a contact that sticks, its slips are constraints on velocities. A contact that slides has the force
-    -mu lambda dslip/dv against its slip, with the multiplier lambda of its gap.
+    For a contact that sticks, its slips are constraints on velocities. A contact that slides has the force -mu lambda
+    dslip/dv against its slip, with the multiplier lambda of its gap.
     """
     constraints, forces = list(statement.constraints), list(statement.forces)
     for contact, state, way in zip(statement.contacts, mode.states, mode.ways, strict=True):
@@ -253,7 +253,7 @@ def _ends(contacts: Sequence[Contact], mode: Mode) -> list[tuple[Event, tuple[in
 def _present(event: Event, absent: dict[Any, Any]) -> Event:
     """Return an event in whose expression the normal forces of open contacts are replaced by zero.
 
-    `absent` maps symbols of such forces to zero. An event whose expression is then constant never occurs.
+    `absent` maps the symbols of these forces to zero. If the expression is then constant, the event never occurs.
     """
     zero = event.expression.xreplace(absent)
     if zero == event.expression:

@@ -55,7 +55,7 @@ the second for impacts without loss of energy."""
 class Bounces:
     """The present series of impacts with ever shorter flights between them.
 
-    `contacts` has a set for each of the last `FEWEST_FLIGHTS` impacts: the contacts that take part in the impact.
+    `contacts` has for each of the last `FEWEST_FLIGHTS` impacts the set of the contacts that take part in it.
     """
 
     def __init__(self) -> None:
@@ -92,7 +92,7 @@ class Bounces:
 
     @property
     def limit(self) -> float | None:
-        """Limit of the times of impact by the ratio of the last two flights; None if these do not become shorter."""
+        """Limit of the times of impact by the ratio of the last two flights, or None if these do not become shorter."""
         times = self.series[0]
         if len(times) < FEWEST_FLIGHTS + 1:
             return None
@@ -102,7 +102,10 @@ class Bounces:
 
     @property
     def accumulating(self) -> frozenset[int]:
-        """Indices of the contacts whose impacts accumulate; none after a fast impact. There must be an impact."""
+        """Indices of the contacts whose impacts accumulate.
+
+        The set is empty after a fast impact. There must be an impact.
+        """
         speeds = self.series[1]
         slow = speeds[-1] <= SMALLEST_BOUNCE * speeds.max()
         return frozenset().union(*self.contacts) if slow and self.limit is not None else frozenset()
@@ -113,9 +116,9 @@ RECENT, HURRIED = 100, 1e-4
 distance in time, as a fraction of the span."""
 
 SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
-"""Test for missed impacts: the smallest number of times in a segment at which open gaps are tested, and the overlap
-that shows a missed impact. The overlap is relative to the terms of the gap; it is the second number, or the third times
-`rtol` if that is larger."""
+"""Test for missed impacts: smallest number of times in a segment at which open gaps are tested, and overlap that shows
+a missed impact. The overlap is relative to the terms of the gap. If the third number times `rtol` is larger, it is used
+in place of the second."""
 
 NEARBY = 2.0**-16
 """Fraction of a segment, before its end, over which the derivative of an event is approximated by a difference."""
@@ -125,7 +128,8 @@ STEPS_OUTSIDE, SHORTEST_STEP = 60, 1e-12
 change of an entry below which a full step is taken."""
 
 MOST_AT_ONCE = 32
-"""Largest number of changes of the mode at one instant."""
+"""Largest number of changes of the mode at one instant. After this number the run ends, and the message names the
+contacts."""
 
 SHORTEST_REST = 2.0**-36
 """Time until impacts have ended, relative to the time of the run, below which no separate segment is run."""
@@ -142,7 +146,7 @@ FAILED = (Status.UNRELIABLE, Status.NON_FINITE, Status.SINGULAR, Status.STEP_TOO
 def run_through_contacts(
     problem: Problem, integrator: Integrator, run: Callable[[Integrator, Problem], Trajectory]
 ) -> Trajectory:
-    """Return the run of a problem whose statement has contacts. `run` runs a problem without contacts.
+    """Return the run of a problem with contacts. `run` runs a problem without contacts.
 
     Raises StatementError for a start inside a body, and for a run backwards in time.
     """
@@ -226,7 +230,7 @@ class _ContactRun:
         return with_fields(run, contacts=history)
 
     def _limit(self, end: float, mode: Mode, following: Mode) -> tuple[Status, str] | None:
-        """Return the status and the cause for a run that reached a limit between two modes; else None.
+        """Return the status and the cause for a run that reached a limit between two modes, else None.
 
         The limits are for the number of steps, the wall time, and the number of changes at one instant. At the time
         `end` the mode changes to `following`.
@@ -446,7 +450,7 @@ class _ContactRun:
         return transition
 
     def _checked_start(self) -> ContactState:
-        """Return the contacts at the start, without overlaps that are rounding; raise StatementError inside a body."""
+        """Return the contacts at the start, without overlaps that are rounding. Raises StatementError inside a body."""
         problem, kin = self.problem, self.kinematics
         touch = kin.at(problem.t0, problem.y0)
         # A gap without a gradient at the start, such as the distance of equal points, has no error either.

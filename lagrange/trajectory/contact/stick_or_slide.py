@@ -23,7 +23,8 @@ from lagrange.algorithm.linear.complementarity import lemke
 from lagrange.machine.backend import FloatArray, Machine
 
 OPEN, CLOSED, SLIDING, STICKING = "open", "closed", "sliding", "sticking"
-"""States of a contact. A closed contact without friction is "closed"; with friction it slides or sticks."""
+"""States of a contact. A closed contact without friction is "closed". A closed contact with friction slides or sticks.
+"""
 
 NOISE = 1e-10
 """Forces and rates are zero below this fraction of their terms, for mass matrices with condition numbers up to 1e5."""
@@ -42,8 +43,8 @@ TURNS, LEAST_TURN = 300, 2.0**-12
 factor. The factor is halved if a direction overshoots, as with many contacts or near the edge of the friction cone."""
 
 TURNS_BETWEEN = 20
-"""Number of iterations between tests for an early end. The iteration ends if some combinations obey all laws, and all
-of these have converged."""
+"""Number of iterations between tests for an early end. The iteration ends if some combinations of contact states obey
+all laws of contact, and all of these have converged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +80,8 @@ class Balance:
     """A solution of the complementarity problem: `forces` and `rates` (rows,).
 
     `states` has the state of each contact: open, closed, sliding or sticking. `ways` has the direction of sliding of
-    each contact (a unit vector), or None.
-    `shared` are the indices of contacts whose forces are not unique: others cause the same rates.
+    each contact (a unit vector), or None. `shared` are the indices of contacts whose forces are not unique: others
+    cause the same rates.
     """
 
     forces: FloatArray
@@ -128,10 +129,10 @@ def _noise(matrix: FloatArray, free: FloatArray, forces: FloatArray) -> FloatArr
 def _displaces(balance: Balance, other: Balance, rows: _Rows) -> bool:
     """Return True if the solution `balance` excludes the solution `other`.
 
-    By Coulomb's law a surface at rest slides only if no force in its friction cone holds it. So `other` is excluded
-    if a surface slides in it that `balance` holds at rest. All surfaces that stick in `other` must stick in
-    `balance`. Any other difference, such as a contact that opens, must follow from the slip: kinetic friction could
-    not exert the force that holds the surface.
+    By Coulomb's law a surface at rest slides only if no force in its friction cone holds it. So `other` is excluded if
+    a surface slides in it that `balance` holds at rest. All surfaces that stick in `other` must stick in `balance`. Any
+    other difference, such as a contact that opens, must follow from the slip: kinetic friction could not exert the
+    force that holds the surface.
     """
     states, other_states = np.array(balance.states), np.array(other.states)
     held = (states == STICKING) & (other_states == SLIDING)
@@ -186,7 +187,7 @@ def _balances(
 ) -> Iterator[Balance]:
     """Yield the solutions among all combinations of contact states, in order of the number of sliding contacts.
 
-    `matrix` (rows, rows) is A, `free` (rows,) is b. `cases` has the possible states and directions of each contact.
+    `matrix` (rows, rows) is A, and `free` (rows,) is b. `cases` has the possible states and directions of each contact.
     """
     combinations = sorted(itertools.product(*cases), key=lambda pairs: sum(state == SLIDING for state, _ in pairs))
     states = np.array([[state for state, _ in pairs] for pairs in combinations])
@@ -250,10 +251,10 @@ def _forces(
 def _obeys(
     rows: _Rows, states: NDArray[np.str_], ways: FloatArray, forces: FloatArray, rates: FloatArray, noise: FloatArray
 ) -> NDArray[np.bool_]:
-    """Return a mask (C,) that is True for those of C combinations of contact states that obey the laws of contact.
+    """Return a mask (C,) of the combinations of contact states that obey the laws of contact. C is their number.
 
-    Forces push, rates separate, and friction forces are in their cones. `states` (C, k) are the states of the
-    contacts. `ways`, the directions of sliding, `forces`, `rates` and `noise`, the errors of rates, are (C, rows).
+    Forces push, rates separate, and friction forces are in their cones. `states` (C, k) are the states of the contacts.
+    `ways`, the directions of sliding, `forces`, `rates` and `noise`, the errors of rates, are (C, rows).
     """
     weak = NOISE * np.abs(forces).max(axis=1, keepdims=True)
     push, apart = forces[:, rows.normals], rates[:, rows.normals]
@@ -269,8 +270,8 @@ def _by_pivoting(matrix: FloatArray, free: FloatArray, rows: _Rows, machine: Mac
     """Return a list with a solution by Lemke's method, or an empty list.
 
     The cone of friction in a plane becomes a pyramid with four sides. A contact that slides already has one unknown:
-    the normal force, to which its friction force is proportional. Another contact has one more unknown for each side
-    of its pyramid, and its sliding speed as a multiplier, as in Stewart and Trinkle.
+    the normal force, to which its friction force is proportional. Another contact has one more unknown for each side of
+    its pyramid, and its sliding speed as a multiplier, as in Stewart and Trinkle.
     """
     units = np.eye(len(free))
     normals, side_rows = units[rows.normals], np.repeat(np.flatnonzero(rows.along & ~rows.slides[rows.contact]), 2)

@@ -55,8 +55,8 @@ class Undetermined(RunError):
 class Transition:
     """Result of a transition: the state `y` (2n,) and the mode after it, and the impacts.
 
-    `before` (2n,) is the state before the impacts, in which overlaps of bodies are removed. `impacts` maps the index
-    of a contact to a row: time, normal impulse, energy lost, friction impulse. `speed` is the largest impact speed.
+    `before` (2n,) is the state before the impacts, in which overlaps of bodies are removed. `impacts` maps the index of
+    a contact to a row: time, normal impulse, energy lost, friction impulse. `speed` is the largest impact speed.
     `low_flights` are contacts (indices) that open and would close again while their gap is still within rounding.
     """
 
@@ -185,7 +185,7 @@ class Transitions:
         return after, impacts
 
     def _approaching(self, touch: ContactState, contacts: Sequence[int], rates: FloatArray) -> list[int]:
-        """Return the indices of those `contacts` (indices) whose gaps become smaller at the `rates` (rows,)."""
+        """Return those of `contacts` (indices) whose gaps become smaller at the `rates` (rows,)."""
         normals = self.kinematics.normals
         return [i for i in contacts if rates[normals[i]] < -touch.noise[normals[i]]]
 
@@ -314,9 +314,9 @@ class Transitions:
     def _projected(self, touch: ContactState, mode: Mode, starts: dict[int, float], near: Sequence[int]) -> FloatArray:
         """Return the state of `touch` (2n,) changed to satisfy the constraints of a mode: closed gaps, and no slips.
 
-        The change is the least, measured by the kinetic energy. Velocities that are rounding become zero. `starts`
-        maps rows of gap rates and slips that begin to grow to small values, so that rounding of the accelerations does
-        not end the growth at once. The gaps of the contacts `near` (indices) do not change if they stay open.
+        The change is the least, measured by the kinetic energy. Velocities that are rounding become zero. `starts` maps
+        rows of gap rates and slips that begin to grow to small values, so that rounding of the accelerations does not
+        end the growth at once. The gaps of the contacts `near` (indices) do not change if they stay open.
         """
         y, held = touch.y, self.kinematics.held_rows(mode.states)
         if any(touch.gaps[i] for i in mode.closed):
@@ -334,7 +334,7 @@ class Transitions:
 
 
 def _undetermined(kin: Kinematics, touch: ContactState, contacts: Sequence[int], count: int, what: str) -> Undetermined:
-    """Return the error for `contacts` (indices) at a state at which the laws allow `count` motions.
+    """Return the error for `contacts` (indices) at a state at which the laws of contact allow `count` motions.
 
     `what` is "motion" or "impact". If there are several motions, the cause is contacts that depend on each other.
     """

@@ -1,4 +1,4 @@
-"""Decide whether a loop over steps with events is compiled, and hold the memory that it shares with its caller."""
+"""Decide whether the loop over steps with events is compiled, and store the memory that the loop shares with Python."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ENOUGH = 16
 """Smallest number of steps from which the length of a run is estimated, because the first steps are short."""
 
 CHANGE_STEPS = 8
-"""Cost of one reset in the search on arrays, in units of the cost of a step."""
+"""Number of steps whose search for events on arrays takes as long as one reset."""
 
 
 @dataclass(eq=False)
@@ -80,11 +80,11 @@ class WatchedEvents:
     def compiled(
         self, problem: Problem, driver: Driver, t: float, steps: int, changes: int, *, fixed: bool
     ) -> EventSteps | None:
-        """Return the compiled loop over steps; None if the machine has none, or if compiling does not pay.
+        """Return the compiled loop over steps, or None if the machine has none, or if compiling does not pay.
 
-        The remaining length of the run is estimated from `steps`, the number of steps up to time t, and from
-        `changes`, the number of resets. `fixed` is True for fixed steps. Otherwise the loop first tests each step on
-        a cubic, the Hermite polynomial through both ends of the step; it searches only steps that may have an event.
+        The remaining length of the run is estimated from `steps`, the number of steps up to time t, and from `changes`,
+        the number of resets. `fixed` is True for fixed steps. Otherwise the loop first tests each step on a cubic, the
+        Hermite polynomial through both ends of the step; it searches only steps that may have an event.
         """
         work, covered, span = steps + CHANGE_STEPS * changes, abs(t - problem.t0), abs(problem.t1 - problem.t0)
         if self.dense is None or work <= ENOUGH or work * span < WORTH_COMPILING * covered:
@@ -107,10 +107,10 @@ class WatchedEvents:
     ) -> None:
         """Write the signs of the event functions and the counts of events to the memory of the compiled loop.
 
-        `zero_sides` has the sign (side of zero) of each function. `occurrences` has the occurrences of each event so
-        far. They determine the number of further occurrences until the caller has to act. `zero_sizes` maps each event
-        that counts as zero at the start of a smooth piece of motion to the size of its function there. `zeros` maps
-        each event that has just occurred to the direction of its zero.
+        `zero_sides` has the sign of each function. `occurrences` are the occurrences of each event so far. They
+        determine the number of further ones until the caller has to act. `zero_sizes` maps each event whose function
+        counts as zero at the start of a smooth piece to the size of the function. `zeros` maps each event that has just
+        occurred to the direction of its zero.
         """
         memory, events = self.memory, self.events
         memory.sign[:] = [side.sign for side in zero_sides]

@@ -14,8 +14,8 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 class EventResult:
     """Result of event processing: the end of the run and its cause, or a jump of the state, or neither.
 
-    `status` is the status of a run that ends, else None, and `detail` a sentence on its cause. `jumped` is True if
-    the state has jumped. `smooth` is True if only the Taylor series ends at this point, and the motion may continue.
+    `status` is the status of a run that ends, else None, and `detail` a sentence on its cause. `jumped` is True if the
+    state has jumped. `smooth` is True if only the Taylor series ends at this point, and the motion may continue.
     """
 
     status: Status | None = None
@@ -78,7 +78,10 @@ def not_finite_after_reset(name: str) -> EventResult:
 
 
 def off_constraints(names: str, violated: str) -> EventResult:
-    """Return the end of a run whose resets violate constraints. `names` are the events; `violated` is the violation."""
+    """Return the end of a run whose resets violate constraints.
+
+    `names` are the events of the resets, and `violated` is a sentence on the violation.
+    """
     return EventResult(
         Status.DIVERGED,
         f"The reset where {names} is zero violates the constraints: {violated} Reset velocities only, and all "
@@ -89,7 +92,7 @@ def off_constraints(names: str, violated: str) -> EventResult:
 def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
     """Return the end of a run at a state at which an event function, or a derivative of it, is not finite.
 
-    `names` are the names of the watched functions (E,). `watched` (order + 1, E) has their Taylor coefficients.
+    `names` are the names of the watched functions (E,), and `watched` (order + 1, E) their Taylor coefficients.
     """
     bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))
     return EventResult(

@@ -1,8 +1,8 @@
-"""Advance a run with events, not by Taylor steps: take steps, let them be searched, and return to an event.
+"""Advance a run with events by steps of a step program: take steps, search them for events, and return to an event.
 
-Some steps are taken first and then reviewed, that is, searched for events. If an event on them resets the state or
-ends the run, the run is set back to it, and later steps are discarded. In long runs machine code handles all regular
-events. Other steps are reviewed on arrays, by `StepWatch`.
+Steps are taken first, and then searched for events. If an event on them resets the state or ends the run, the run is
+set back to this event, and later steps are discarded. In long runs machine code handles all regular events. Other steps
+are searched on arrays, by `StepWatch`.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class EventDriver:
         self._first = self._stale = True
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Advance a run by at most `budget` steps; write accepted times and states to `times` (k,), `rows` (k, 2n).
+        """Advance a run by at most `budget` steps, and write accepted times to `times` (k,), states to `rows` (k, 2n).
 
-        The outcome is WATCHED if the state is at an event that resets it or ends the run.
+        The outcome is WATCHED if the run stopped at an event that resets the state or ends the run.
         """
         run = self._run
         run.budget = run.left = budget
@@ -51,7 +51,11 @@ class EventDriver:
                     return outcome
         except KeyboardInterrupt:
             self._watch.collect()
-            self._forget(state)
+            if self._memory.waits:
+                # Discard the steps not yet searched for events.
+                self._restore(state)
+                run.count, run.begin, run.before = 0, 1, 0
+                state.fault = None
             raise
         finally:
             self._first = False
@@ -59,7 +63,7 @@ class EventDriver:
     def _in_loop(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
         """Advance the run by machine code. Return an outcome, or None after a step that must be searched on arrays.
 
-        Accepted times and states are written to `times` (k,) and `rows` (k, 2n); k is their capacity.
+        Accepted times and states are written to `times` (k,) and `rows` (k, 2n), where k is the capacity.
         """
         if self._compiled is None:
             raise AssertionError("the loop has no machine code")
@@ -127,7 +131,7 @@ class EventDriver:
             try:
                 return self._driver.advance(state, arguments[4], memory.times[2:], memory.states[2:])
             except KeyboardInterrupt:
-                state.counts[:], state.reals[:], state.y[:] = memory.kept_counts, memory.kept_reals, memory.states[1]
+                self._restore(state)
                 raise
 
         steps = self._run, size, memory.times, memory.states.reshape(-1), drive, state.counts
@@ -135,16 +139,13 @@ class EventDriver:
         arguments: Any = *steps, *numbers, state.y, np.arange(size), state.y, times, rows.reshape(-1)
         return PendingSteps(*arguments)
 
-    def _forget(self, state: DriverState) -> None:
-        """Discard the steps not yet searched for events. The driver state is set back to the time before them."""
-        memory, run = self._memory, self._run
-        if memory.waits:
-            state.reals[:], state.counts[:], state.y[:] = memory.kept_reals, memory.kept_counts, memory.states[1]
-            run.count, run.begin, run.before = 0, 1, 0
-            state.fault = None
+    def _restore(self, state: DriverState) -> None:
+        """Set the driver state back to the time before the steps not yet searched for events."""
+        memory = self._memory
+        state.reals[:], state.counts[:], state.y[:] = memory.kept_reals, memory.kept_counts, memory.states[1]
 
     def _review(self, state: DriverState, last: int, pending: PendingSteps) -> Outcome | None:
-        """Find the events on the steps up to number `last`, on arrays. Return an outcome, or None to continue.
+        """Search the steps up to number `last` for events, on arrays. Return an outcome, or None to continue.
 
         When all steps are searched, they are accepted. If an event resets the state or ends the run, the run is set
         back to this event. `pending` has the steps.

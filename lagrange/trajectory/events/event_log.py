@@ -110,7 +110,7 @@ class Breaks:
 
 
 def until_end(events: Sequence[ModelEvent], occurrences: Sequence[Occurrences]) -> list[int]:
-    """Return the number of further occurrences after which each event ends the run; 0 for never."""
+    """Return the number of further occurrences after which each event ends the run, or 0 for never."""
     return [max(event.terminal - len(earlier), 0) for event, earlier in zip(events, occurrences, strict=True)]
 
 
@@ -189,7 +189,7 @@ class ChangeCounter:
     def accumulates(self, t: float, which: Iterable[int]) -> bool:
         """Count a change at time t by each of the events `which`. Return True if one event has too many.
 
-        Only changes at nearly the same time are counted together. Too many means that the run does not advance.
+        Only changes at nearly the same time are counted together. With too many the run does not advance.
         """
         if abs(t - self.last) > CLOSEST * max(abs(t), EARLIEST):
             self.counts.clear()

@@ -61,7 +61,7 @@ class ModelEvent:
 
     @property
     def contact(self) -> bool:
-        """True for a reset in one direction only: the motion must remain on the side from which it came."""
+        """True for a reset in one direction only, like an impact: the sign of the event function must not change."""
         return self.reset and self.direction != 0
 
     @property
@@ -75,14 +75,14 @@ class ModelEvent:
         return Reaction(self.direction, self.terminal, self.first, self.rows, self.root, self.smooth)
 
     def counts(self, rising: int) -> bool:
-        """Return True if a zero with the direction `rising` is an event: 1 rising, -1 falling, 0 for a touch only."""
+        """Return True if a zero counts as this event. Its direction `rising` is 1, -1, or 0 for a touch."""
         return self.direction in (0, rising)
 
     def apply(self, t: float, before: FloatArray, parameters: FloatArray, state: FloatArray) -> None:
         """Write the entries that the event resets to `state` (2n,), computed from the state `before` (2n,).
 
-        `before` is the state before all events at time t, and `parameters` is (k,). An entry that another event at
-        this time has reset to a different value becomes nan.
+        `before` is the state before all events at time t, and `parameters` is (k,). An entry that another event at this
+        time has reset to a different value becomes nan.
         """
         if self.kernel is not None:
             rows = list(self.rows)
@@ -102,8 +102,8 @@ def reset_state(
     """Return the state (2n,) after resets, and the end of the run if the state is not valid.
 
     `resets` maps events to their indices in `names()`. Every reset is computed from the state `before` (2n,). If
-    constraints hold after a reset, the new state must satisfy them, like an initial state. Since `before` satisfies
-    the constraints only up to the error of the step, the test uses the nearest state that satisfies them exactly.
+    constraints hold after a reset, the new state must satisfy them, like an initial state. Since `before` satisfies the
+    constraints only up to the error of the step, the test uses the nearest state that satisfies them exactly.
     """
     after = _reset(resets, t, before, parameters)
     if not np.isfinite(after).all():

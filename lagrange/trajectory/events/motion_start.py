@@ -1,18 +1,18 @@
-"""Determine the signs (sides) of event functions at the start of a run or after a reset, and contacts that act at once.
+"""Determine the signs of event functions at the start of a run or after a reset, and find contacts that act at once.
 
-The side is the known sign of an event function between two points, never the sign of a value within rounding of zero:
+The sign of a function is known from earlier points. It is never taken from a value within rounding of zero:
 
-1. A reset that does not change the event function, up to rounding, keeps its side. If the function is within rounding
-   of zero when another event acts, it has not crossed zero. It crosses zero if the new motion leads to the other side.
-   This is an event at the time of the reset: it counts, ends the run, or resets the state again, at once.
-2. An event that occurred at this point has no side afterwards: the motion decides it. The event does not occur twice.
-3. After a reset that changes the event function, and at the start of a run, the side is unknown. A value beyond
-   rounding then gives the side: a jump over zero is not an event. A value of zero is not an event either, except for a
-   contact, which is an event with a direction and a reset. The side of a contact is the side from which its direction
-   leads to zero. If the event function moves through zero in this direction, the contact acts at once, unless the
-   motion would pass the contact after the reset as well.
+1. A function that a reset does not change, up to rounding, keeps its sign. If it is within rounding of zero when
+   another event acts, it has not crossed zero. If the new motion leads to the opposite sign, the function crosses zero
+   at the time of the reset: this event counts, ends the run, or resets the state again, at once.
+2. The function of an event that occurred at this point has no sign afterwards: the motion decides it. The event does
+   not occur twice.
+3. After a reset that changes the function, and at the start of a run, the sign is unknown. A value beyond rounding
+   gives the sign: a jump over zero is not an event. A value of zero is not an event either, except for a contact, an
+   event with a direction and a reset. A contact has the sign from which its direction leads to zero. It acts at once if
+   its function moves through zero in this direction, unless the motion would pass zero after the reset as well.
 
-At the first point after the change the rate decides the side of a value within its noise, as between any two steps.
+At the first point after the change the rate decides the sign of a value within its noise, as between any two steps.
 """
 
 from __future__ import annotations
@@ -72,15 +72,14 @@ def sides_after_events(
 
 SMALL_FRACTION = 2.0**-26
 """Fraction of a step over which the slope of an event is measured at the start of a motion. A slope below this fraction
-of the largest value on the step counts as zero.
-"""
+of the largest value on the step counts as zero."""
 
 
 def still_passes(model: Model, kernel: Kernel, events: Sequence[ModelEvent], index: int, sample: Sample) -> bool:
     """Return True if the motion after the reset of event `index` still passes zero in the event's direction.
 
-    The reset is then useless. `kernel` evaluates the event functions, and `events` are all events. `sample` is the
-    step that begins at the event.
+    The reset is then useless. `kernel` evaluates the event functions, and `events` are all events. `sample` is the step
+    that begins at the event.
     """
     t, y, event, parameters = sample.t, sample.state(0.0), events[index], sample.batch.parameters
     after = y.copy()
@@ -100,12 +99,11 @@ def wrong_side_reset(
     states: tuple[FloatArray, FloatArray],
     along: float,
 ) -> EventZero | None:
-    """Return the first zero in `zeros` at which the reset would send the motion to the wrong side, or None.
+    """Return the first zero in `zeros` at which the reset would send the motion through zero, or None.
 
-    For example, the polynomial of a long step may bring a ball to the floor although its velocity there already
-    points upwards. A reset would then send it downwards. `rates` computes the time derivatives of the event
-    functions. `states` are the states (2n,) before and after the reset. `along` is 1, or -1 for a run backwards in
-    time.
+    The polynomial of a long step may bring a ball to the floor although its velocity there already points upwards. A
+    reset would then send it downwards. `rates` computes the time derivatives of the event functions. `states` are the
+    states (2n,) before and after the reset. `along` is 1, or -1 for a run backwards in time.
     """
     coming, going = along * rates(np.full(2, t), np.column_stack(states), parameters).T
     for m in zeros:

@@ -78,9 +78,9 @@ class EventSeries:
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[float]:
     """Return for each column of a series the time, at most s, up to which it is accurate.
 
-    A column of the series (order + 1, k) is accurate if its truncation error is below the relative tolerance `rtol`,
-    or below its rounding error `noise` (k,). For most series the first and the last two terms already prove that they
-    are accurate up to s.
+    A column of the series (order + 1, k) is accurate if its truncation error is below the relative tolerance `rtol`, or
+    below its rounding error `noise` (k,). For most series the first and the last two terms already prove that they are
+    accurate up to s.
     """
     tolerance, run, ends, far = EVENT_SLACK * max(rtol, EPSILON), called(event_series.reach.form()), [0, 1, -2, -1], []
     with np.errstate(all="ignore"):

@@ -1,8 +1,8 @@
-"""Handle the events of a Taylor run that compiled code leaves to Python: irregular zeros, resets, changes of sides.
+"""Handle the events of a Taylor run that compiled code leaves to Python: irregular zeros, resets, crossed surfaces.
 
-The compiled loop over steps finds the zeros of these functions, and ends a step at the first zero that changes the
-motion. In regular cases the loop itself resets the state or crosses the surface. In other cases it returns, and this
-module makes the change: the run ends, the state is reset, or the equations continue with the other side of a surface.
+The compiled loop over steps finds the zeros of event functions and switching surfaces. It ends a step at the first zero
+that changes the motion. In regular cases the loop itself resets the state or crosses the surface. In other cases it
+returns, and this module ends the run, resets the state, or continues with the equations after the surface.
 """
 
 from __future__ import annotations
@@ -46,11 +46,10 @@ S = DriverState
 class SeriesWatch(EventLog):
     """Finds zeros of surfaces and events along a run by Taylor steps. Indices count surfaces first, then events.
 
-    `series` has the given `order`, and `names` returns the names of the functions. `events` are all events. `memory`
-    is shared with the loop over steps; it comes from a former run by the driver, or is None. `zero_sides` are the
-    sides of zero (known signs) of the functions before the next step. `starting` has the indices of the functions
-    that are zero at the start of this step. `pending` are the zeros at the present state that are still to be
-    processed.
+    `series` has the given `order`, and `names` returns the names of the functions. `events` are all events. `memory` is
+    shared with the loop over steps; it comes from a former run by the driver, or is None. `zero_sides` are the sides of
+    zero (known signs) of the functions before the next step. `starting` has the indices of the functions that are zero
+    at the start of this step. `pending` are the zeros at the present state that are still to be processed.
     """
 
     def __init__(
@@ -95,15 +94,19 @@ class SeriesWatch(EventLog):
     def begin(self, state: DriverState) -> EventResult:
         """Determine the signs of the watched functions at the start of a run, or of a new smooth piece of it.
 
-        Return an empty result, or the reason why the run ends here: for example, a watched function has no
-        finite value. A sign is 1 or -1, or 0 if it is undecided. Without switching surfaces, the compiled loop
-        determines the signs later, and the result is empty.
+        Return an empty result, or the reason why the run ends here: for example, a watched function has no finite
+        value. A sign is 1 or -1, or 0 if it is undecided. Without switching surfaces, the compiled loop determines the
+        signs later, and the result is empty.
         """
         first, self.state = self.state is None, state
-        if not self.surfaces:
-            self.leave_start_to_the_loop(state, first=first)
-            return EventResult()
-        return self._begin(state)
+        if self.surfaces:
+            return self._begin(state)
+        if first:
+            self.epochs.append((0, self.values))
+        else:
+            self.write()
+        self.memory.record.enabled = self.memory.record.fresh = state.taylor.inspect = 1
+        return EventResult()
 
     def _begin(self, state: DriverState) -> EventResult:
         """Determine the signs of surfaces and events at the start of a smooth piece, without the loop."""
@@ -116,8 +119,8 @@ class SeriesWatch(EventLog):
     def process(self, state: DriverState) -> EventResult:
         """Process the event at the state where the loop over steps stopped, and return the result.
 
-        The state is reset, a surface is crossed, or the run ends. If there is no event, the result says why no step
-        is possible from this state.
+        The state is reset, a surface is crossed, or the run ends. If there is no event, the result says why no step is
+        possible from this state.
         """
         self.read(state)
         try:
@@ -158,8 +161,8 @@ class SeriesWatch(EventLog):
     def continue_past(self, state: DriverState) -> EventResult | None:
         """Pass over the driver's state, where the motion has no Taylor series, by a short step of another method.
 
-        Return the result after the step, or the end of the run if a square root becomes zero at the state. Return
-        None if the point cannot be passed.
+        Return the result after the step, or the end of the run if a square root becomes zero at the state. Return None
+        if the point cannot be passed.
         """
         self.read(state)
         if self.unbegun and (begun := self._begin(state)).status is not None:
@@ -279,17 +282,17 @@ class SeriesWatch(EventLog):
         return replace(began, jumped=True)
 
     def _cross(self, crossed: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Choose the side on which the motion leaves each of the surfaces `crossed`, and continue there.
+        """Choose the sign with which the motion leaves each of the surfaces `crossed`, and continue with these signs.
 
-        A motion that stayed on another surface may leave that surface with the new equations. The run ends if no side
-        is consistent.
+        A motion that stayed on another surface may leave it with the new equations. The run ends if no sign is
+        consistent.
         """
         choices = {zero.which: (zero.root.rising, -zero.root.rising, 0) for zero in crossed}
         choices |= {i: (0, 1, -1) for i in range(self.surfaces) if self.sides[i] == 0 and i not in choices}
         try:
             self.sides = settled_sides(self.at(state), self.sides, choices)
-        except Sliding as found:
-            return sliding(self.names()[found.surface], state.t)
+        except Sliding as error:
+            return sliding(self.names()[error.surface], state.t)
         except SingularMassMatrix:
             return EventResult(Status.SINGULAR)
         for i in choices:
@@ -317,8 +320,8 @@ class SeriesWatch(EventLog):
                 unsettled = {i: (0, 1, -1) for i in range(self.surfaces) if leaving(g[:, i], float(noise[i]))[1] != 0}
                 self.sides = settled_sides(self.at(state), self.sides, unsettled) if unsettled else self.sides
                 ahead = self.ahead(state)
-        except Sliding as found:
-            return sliding(self.names()[found.surface], state.t)
+        except Sliding as error:
+            return sliding(self.names()[error.surface], state.t)
         except SingularMassMatrix:
             return EventResult(Status.SINGULAR)
         if not np.isfinite(ahead.watched).all():
@@ -348,8 +351,8 @@ class SeriesWatch(EventLog):
     def at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
         """Return a function that evaluates the series of the switching surfaces at the driver's state.
 
-        It maps the signs of the surfaces (1, -1 or 0) to their series (order + 1, surfaces), in units of time that
-        make the terms comparable. The signs matter because the forces depend on them.
+        It maps the signs of the surfaces (1, -1 or 0) to their series (order + 1, surfaces), in units of time that make
+        the terms comparable. The signs matter because the forces depend on them.
         """
         size, scale = len(state.y), signed_scale(state)
 
@@ -468,11 +471,3 @@ class SeriesWatch(EventLog):
     def unbegun(self) -> bool:
         """True until the loop has determined the signs of functions at the start of a smooth piece of motion."""
         return bool(self.memory.record.fresh)
-
-    def leave_start_to_the_loop(self, state: DriverState, *, first: bool) -> None:
-        """Let the compiled loop determine the signs of functions at the `first` or a later start of a motion."""
-        if first:
-            self.epochs.append((0, self.values))
-        else:
-            self.write()
-        self.memory.record.enabled = self.memory.record.fresh = state.taylor.inspect = 1

@@ -1,21 +1,21 @@
 """Continue a run from a switching surface, and take short steps over points where the motion has no Taylor series.
 
-A motion that reaches a surface g = 0, or starts on it, continues on one side, where g is positive or negative. The
-forces depend on the side, and the motion determines the side. A choice of sides is consistent if the motion with the
-forces of these sides leads to them: the first nonzero time derivative of g then has the sign of the side. If no choice
-is consistent, the motion slides along a surface. Source: A. F. Filippov, Differential Equations with Discontinuous
+A motion that reaches a surface g = 0, or starts on it, continues where g is positive, or where g is negative. The
+forces depend on the sign of g, and the motion determines the sign. A choice of signs is consistent if the motion with
+the forces of these signs leads to them: the first nonzero time derivative of g has the chosen sign. If no choice is
+consistent, the motion slides along a surface. Source: A. F. Filippov, Differential Equations with Discontinuous
 Righthand Sides, 1988, section 4.
 
 At some points a motion has no Taylor series, although its forces hardly change. With drag -|v|v a body at rest, or at
-its turning point, is at the zero of a square root. The run passes such a point by a leap: a method without series takes
-one step, so short that the accelerations are nearly constant during it.
+its turning point, is at the zero of a square root. The run passes such a point by a leap: one step of a method without
+series, so short that the accelerations are nearly constant.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import islice, product
 
 import numpy as np
@@ -28,14 +28,15 @@ from lagrange.machine.state import DriverState
 from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.dense_output import hermite_path
 from lagrange.trajectory.events.series_at_state import leaving
-from lagrange.trajectory.integrator import Integrator, Problem
+from lagrange.trajectory.integrator import Integrator, Problem, part_of
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 MOST_TRIALS = 3**8
-"""Largest number of choices of sides that are tried where surfaces meet: all of them for up to eight surfaces."""
+"""Largest number of choices of signs that are tried where several surfaces are zero: all choices for up to eight
+surfaces."""
 
 Surfaces = Callable[[FloatArray], FloatArray]
-"""Type of a function from the sides of all surfaces to the series of all surfaces at a state, (order + 1, surfaces)."""
+"""Type of a function from the signs of all surfaces to their Taylor series at a state, (order + 1, surfaces)."""
 
 
 class Sliding(Exception):
@@ -49,7 +50,7 @@ class Sliding(Exception):
 def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return the sign (1, -1 or 0) of every switching surface at a state (2n,), from the value of its expression.
 
-    This needs no mass matrix, which may be singular on the other side of a surface.
+    The mass matrix is not needed. It may be singular where a surface has another sign.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.surfaces, t, y, parameters)
@@ -57,15 +58,15 @@ def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: Fl
 
 
 def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, tuple[int, ...]]) -> FloatArray:
-    """Return the first consistent choice of sides (signs of surfaces) at a state on switching surfaces.
+    """Return the first consistent choice of signs at a state on switching surfaces.
 
-    A choice is consistent if the motion, with the forces of these sides, leaves the surfaces to these sides.
-    `surfaces` maps the sides of all surfaces to their Taylor series. `sides` are the present sides, 1 or -1.
-    `choices` maps the index of each surface on which the motion is to the sides to try, the likely one first. Side 0
-    means that the motion stays on the surface.
+    A choice is consistent if the motion, with the forces of these signs, leaves the surfaces to these signs. `surfaces`
+    maps the signs of all surfaces to their Taylor series. `sides` are the present signs, 1 or -1. `choices` maps the
+    index of each surface on which the motion is to the signs to try, the likely one first. The sign 0 means that the
+    motion stays on the surface.
 
     If no choice is consistent, the result is the first choice with which the series are not finite, so that the run
-    ends there. Without such a choice raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
+    ends. Without such a choice raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
     """
     undefined: FloatArray | None = None
     singular: SingularMassMatrix | None = None
@@ -109,30 +110,29 @@ def clear(g: FloatArray) -> NDArray[np.bool_]:
 
 
 LEAP_SHARE = 1e-6
-"""Length of a leap over a point without a series, as a fraction of the run."""
+"""Length of a step over a point without a Taylor series, as a fraction of the run."""
 
 CHANGE = 0.01
-"""Largest relative change of an acceleration during a leap, so that jumps and poles of forces are not passed. It is
-relative to the acceleration, or to the velocity divided by the length of the run. At rest the limit is `GROWTH`.
-"""
+"""Largest relative change of an acceleration over a step without a series, so that jumps and poles are not passed. It
+is relative to the acceleration, or to the velocity divided by the length of the run. At rest the limit is `GROWTH`."""
 
 EARLY, GROWTH = 1 / 16, 0.5
-"""At rest, accept a leap if less than half of the change of acceleration occurs in its first 1/16. The acceleration
-then grows as a power of time of at least 1/4, like the force on a bead that another one touches. Near a pole, or after
-log(t), it does not.
-"""
+"""At rest, accept a step without a series if less than half of the change of acceleration occurs in its first 1/16. The
+acceleration then grows as a power of time of at least 1/4, like the force on a bead that another one touches. Near a
+pole, or after log(t), it does not."""
 
 OFF_SURFACE = 2.0**-10
-"""Fraction of a leap after which the motion has left the surface on which the leap began."""
+"""Fraction of a step without a series after which the motion has left the surface on which the step began."""
 
 IN_A_ROW = 3
-"""Largest number of successive leaps without a step between them."""
+"""Largest number of successive steps without a series, with no Taylor step between them."""
 
 SHORTER, ATTEMPTS = 1 / 16, 6
-"""Factor by which a rejected leap is shortened, and largest number of attempts."""
+"""Factor by which a rejected step without a series is shortened, and largest number of attempts."""
 
 MOST_LEAP_STEPS = 2000
-"""Largest number of steps in a leap. One is usual. A force that may act for a short time only requires a thousand."""
+"""Largest number of steps of the other method in a step without a series. One is usual. A force that acts only for a
+short time requires a thousand."""
 
 
 @dataclass
@@ -151,7 +151,10 @@ class Continuations:
     continuations_in_a_row: int = 0
 
     def ahead(self, state: DriverState) -> list[float]:
-        """Return the end times to try for a leap, the latest first. The list is empty if no leap is allowed."""
+        """Return the end times to try for a step without a Taylor series, the latest first.
+
+        The list is empty if no such step is allowed.
+        """
         span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
         if not left or (state.t == self.landed and self.continuations_in_a_row >= IN_A_ROW):
             return []
@@ -166,20 +169,8 @@ class Continuations:
         at its start. `switched` takes a duration and returns True if the equations switch at a surface within this
         time. If they switch at once, the forces just after the start are compared instead.
         """
-        part = replace(
-            self.problem,
-            t0=state.t,
-            t1=end,
-            y0=state.y.copy(),
-            t_eval=None,
-            rtol=None,
-            atol=None,
-            step=None,
-            max_steps=MOST_LEAP_STEPS,
-            events=(),
-            progress=None,
-        )
-        run = self.method().integrate(part)
+        options = {"rtol": None, "atol": None, "max_steps": MOST_LEAP_STEPS}
+        run = self.method().integrate(part_of(self.problem, state.t, end, state.y.copy(), **options))
         y = run.y[:, -1]
         if run.status is not Status.SUCCESS:
             return None
@@ -191,9 +182,9 @@ class Continuations:
         return y if self._steady(start, between, (end, y)) else None
 
     def land(self, state: DriverState, end: float, y: FloatArray, row: int) -> None:
-        """Record a leap (short step without a series) from the accepted state with index `row`.
+        """Record a short step without a Taylor series from the accepted state with index `row`.
 
-        The driver is set to the end of the leap: the time `end` and the state y (2n,).
+        The driver is set to the end of the step: the time `end` and the state y (2n,).
         """
         taylor = state.taylor
         self.rows.append(row)
@@ -208,10 +199,10 @@ class Continuations:
         state.y[:] = y
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:
-        """Return True if the accelerations at both ends of a leap are nearly equal, or change gradually.
+        """Return True if the accelerations at both ends of a step are nearly equal, or change gradually.
 
-        `points` are three pairs of time and state (2n,): at the start of the leap, early in it, and at its end. The
-        change is gradual if little of it happens before the early point.
+        `points` are pairs of time and state (2n,) at the start of the step, early in it, and at its end. The change is
+        gradual if little of it happens before the early point.
         """
         model, parameters = self.problem.model, self.problem.parameter_array
         kernel, v = model.kernel("rhs"), model.layout.v

@@ -22,7 +22,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray
 
 SIDES_PER_STEP = 4
-"""Number of times within a longest step at which signs of surfaces are compared, at most the number of stages."""
+"""Number of times within a longest step at which the signs of surfaces are compared, at most the number of stages."""
 
 SWITCH_MARGIN = 2.0
 """Distance before a surface at which a step ends, in spacings of times: rounding changes times of stages by one."""
@@ -34,7 +34,8 @@ LEAST = 2.0**-80
 """Shortest interval over a surface, as a fraction of the run. Spacings of times near 0 are too small for a path."""
 
 SPREAD = 2.0 ** np.arange(32)
-"""Distances from the estimate of a surface's zero, in spacings of times, at which the surface's sign is tested."""
+"""Distances from an estimate of the time at which a surface changes sign, in spacings of times, at which its sign is
+tested."""
 
 _SURFACES: WeakKeyDictionary[Model, tuple[Node, ...]] = WeakKeyDictionary()
 
@@ -86,8 +87,8 @@ class TimeSwitches:
     def passes(self, state: DriverState) -> bool:
         """Move the time of a driver that stopped before a surface of time to the first time after the surface.
 
-        These two times are a few floating-point spacings apart, so the state does not change. Return False, and
-        change nothing, at the end of the run.
+        These two times are a few floating-point spacings apart, so the state does not change. Return False, and change
+        nothing, at the end of the run.
         """
         if state.t == self._problem.t1:
             return False
@@ -108,8 +109,8 @@ class TimeSwitches:
     def _switches(self, grid: FloatArray) -> Iterator[tuple[float, float]]:
         """Yield, for each switch, the last time before it and the first time after it.
 
-        A switch is a change of sign of a surface of time between neighbouring times of the `grid` (k,). A surface
-        that is zero only at the start, or only at the end, of the run counts as a switch at this time.
+        A switch is a change of sign of a surface of time between neighbouring times of the `grid` (k,). A surface that
+        is zero only at the start, or only at the end, of the run counts as a switch at this time.
         """
         sides = np.sign(self._values(grid))
         last_nonzero = np.maximum.accumulate(np.where(sides != 0, np.arange(len(grid)), 0), axis=1)
@@ -125,8 +126,8 @@ class TimeSwitches:
     def _between(self, surface: int, low: float, high: float) -> tuple[float, float]:
         """Return the last time before a surface changes sign between `low` and `high`, and the first time after it.
 
-        `surface` is the index of the surface. Its sign at the first result is that at `low`, and its sign at the
-        second that at `high`.
+        `surface` is the index of the surface. Its sign at the first result is that at `low`, and its sign at the second
+        that at `high`.
         """
         first, last = self._values(np.array([low, high]))[surface]
         old, new = np.sign(first), np.sign(last)
@@ -143,7 +144,7 @@ class TimeSwitches:
         return low, float(beyond[np.argmax(np.sign(self._values(beyond)[surface]) == new)])
 
     def _values(self, times: FloatArray) -> FloatArray:
-        """Return the values (surfaces, k) of the surfaces of time at times (k,); 0 where a surface has no value."""
+        """Return the values (surfaces, k) of the surfaces of time at times (k,), or 0 where a surface has no value."""
         states = np.broadcast_to(0.0, (len(self._problem.y0), len(times)))
         with np.errstate(all="ignore"):
             return np.nan_to_num(self._kernel(times, states, self._problem.parameter_array))

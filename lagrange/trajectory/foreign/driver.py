@@ -46,8 +46,7 @@ class Fault:
 
 EVALUATIONS_PER_STEP = 5_000
 """A step with more evaluations of the right-hand side counts as an endless loop. The largest measured number is 136:
-DOP853 started with a step 1e6 times too long before a right-hand side that is NaN.
-"""
+DOP853 started with a step 1e6 times too long before a right-hand side that is NaN."""
 
 
 class StopError(Exception):
@@ -96,7 +95,7 @@ class GuardedRhs:
         self.fault = None
 
     def rhs(self, t: float, y: FloatArray) -> FloatArray:
-        """Return dy/dt, (2n,); NaN if the model raises an error, so that the solver tries a shorter step."""
+        """Return dy/dt, (2n,), or NaN if the model raises an error, so that the solver tries a shorter step."""
         self.evaluations = count = self.evaluations + 1
         if count > self._most or self._timed:
             self._check_limits(t, y)
@@ -180,12 +179,11 @@ INTERPOLANT_BYTES = 300
 
 UNREAD_BYTES, UNREAD_ENTRIES = 1400, 10
 """Size of a path that is still SciPy's object: a number of bytes, and a number of doubles for each entry of the state.
-Such an object takes 1,310 to 1,540 bytes with 2 entries, and up to 2,850 with 20."""
+The measured size is 1,310 to 1,540 bytes with 2 entries, and up to 2,850 with 20."""
 
 _ACCEPTED = np.zeros(S.SURVEYED + 1, dtype=np.int64)
 _ACCEPTED[[S.ROWS, S.STEPS]] = 1
 """Increments of a driver's counts for an accepted step, added in one operation, which Ctrl-C cannot divide."""
-
 
 Unread = partial[StepInterpolant]
 """A function that reads the path over a step when it is first called."""
@@ -204,7 +202,7 @@ class Stepper(Protocol):
 
     @property
     def rejected(self) -> int:
-        """Number of rejected trials of the last step; 0 if it is not known."""
+        """Number of rejected trials of the last step, or 0 if it is not known."""
 
     def advance(self, t: float, y: FloatArray) -> Fault | None:
         """Take one step from the accepted state (t, y). Return the fault if it fails, else None."""
@@ -240,8 +238,8 @@ def drive_stepwise(
     """Return the trajectory of a problem, run step by step by the solvers that `start` makes.
 
     `name` is the method's name, and `package` the package of the solver. `listening` is a context that collects
-    warnings and messages of the package; the last message explains a divergence. `first` is the power of the first
-    step h with which its error grows, h**`first`, from which h is chosen. 0 means that the solver chooses h well.
+    warnings of the package; the last one explains a divergence. The error of the first step h grows with h**`first`,
+    from which h is chosen. `first` is 0 if the solver chooses h well.
     """
     tolerances = adaptive_settings(name, problem, None, None, None)
     with np.errstate(all="ignore"), listening as messages:
@@ -263,7 +261,7 @@ class SolverPlan:
     messages: Sequence[Any]
     writes_outputs = False
     first: int = 0
-    """Power of the first step with which its error grows, or 0 if the solver chooses that step well."""
+    """Power p of the first step h, whose error grows as h**p. It is 0 if the solver chooses h well."""
     form: str = ""
     watched: bool = False
     interpolants: list[StepInterpolant | Unread] = field(default_factory=list)
@@ -276,7 +274,7 @@ class SolverPlan:
         return SolverDriver(self, GuardedRhs(self.problem, self.package, parameters, deadline))
 
     def watch(self, problem: Problem, driver: SolverDriver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return the watcher, which searches the steps of the run for events; None if the problem has no events."""
+        """Return the watcher, which searches the steps of the run for events, or None if the problem has no events."""
         return StepWatch(problem, self._latest, fixed=False, memory=memory) if problem.events else None
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
@@ -305,7 +303,7 @@ class SolverDriver:
         self._begun = 0
         self._asked: FloatArray = np.empty(0)
         self._vanished: Fault | None = None
-        """Fault after which the solver requested a new estimate of sizes (a survey). It ends the run if the survey
+        """Fault after which the solver requested a new estimate of sizes. It ends the run if the estimate
         changes no tolerance."""
 
     def adopt(self, state: DriverState) -> None:
@@ -314,7 +312,7 @@ class SolverDriver:
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Take up to `budget` trial steps, write the accepted states, and return how the call ended.
 
-        The times are written to `times` (c,), and the states to `rows` (c, 2n); c is their capacity.
+        Times are written to `times` (c,), and states to `rows` (c, 2n), where c is the capacity.
         """
         law, plan = self._law, self._plan
         try:
@@ -371,9 +369,9 @@ class SolverDriver:
     def _asks(self, state: DriverState, fault: Fault) -> bool:
         """Return True if steps became too small because an entry has no known size, so that floors must be raised.
 
-        A floor is the least absolute tolerance of an entry. An entry of the state that has only been rounding so far
-        has no known size. If the last estimate of sizes changed no floor, the steps are small for another reason, and
-        the result is False. `fault` is the fault of the failed step.
+        A floor is the least absolute tolerance of an entry. An entry that has only been rounding so far has no known
+        size. If the last estimate of sizes changed no floor, the steps are small for another reason. `fault` is the
+        failed step's fault.
         """
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
         if not vanished or state.count(S.SURVEYED) >= MOST_SURVEYS or np.array_equal(state.floors, self._asked):
@@ -412,7 +410,7 @@ class SolverDriver:
         return first
 
     def _step(self, solver: Stepper, state: DriverState, times: FloatArray, rows: FloatArray) -> Fault | None:
-        """Take one step and record it if the step, its end and its interpolant are valid; else return the fault."""
+        """Take one step. Record the step if its end and its interpolant are valid, else return the fault."""
         law, begin, before = self._law, state.floats[S.T], state.y.copy()
         law.begin_step()
         fault = solver.advance(begin, before)
@@ -449,7 +447,7 @@ class SolverDriver:
     ) -> None:
         """Record the step to y (2n,) at time t with its `path`, in the arrays `times` and `rows` of accepted states.
 
-        The step is counted by the last statement alone, so an interruption never leaves a partly recorded step.
+        The last statement alone counts the step, so an interruption never leaves a partly recorded step.
         """
         row, floats = state.integers[S.ROWS], state.floats
         self._plan.interpolants.append(path)

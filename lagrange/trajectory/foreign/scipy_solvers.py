@@ -1,4 +1,4 @@
-"""SciPy's solvers as integrators, driven step by step."""
+"""SciPy's solvers (scipy-rk45, scipy-dop853, scipy-lsoda, ...) as integrators, driven step by step."""
 
 from __future__ import annotations
 
@@ -90,8 +90,8 @@ def _taken_again(
     """Return the path over an accepted step of a one-step method, by repeating the step.
 
     `law` is the right-hand side. `times` and `ends` are the times and the states (2n,) at both ends of the step. With
-    an infinite tolerance the repeated step is accepted and equals the first. Few runs need states between their
-    steps, and the solvers' own paths would take a tenth to a third of a run.
+    an infinite tolerance the repeated step is accepted and equals the first. Few runs need states between their steps,
+    and the solvers' own paths would take a tenth to a third of a run.
     """
     slopes = slopes_of(law.problem.model, law.parameters)
     solver = method.solver(slopes, times[0], ends[0], times[1], atol=np.inf, first_step=abs(times[1] - times[0]))
@@ -119,11 +119,11 @@ class ScipyMethod(ABC):
     from_zero: ClassVar[bool] = False
     """True if the solver gets the time since its start, because it loses precision at large times."""
     stages: ClassVar[int] = 0
-    """Number of evaluations in one trial step; 0 if it varies."""
+    """Number of evaluations of the right-hand side in one trial step. It is 0 if the number varies."""
     repeats: ClassVar[bool] = False
     """True if a step depends only on the state and the times of its ends, so that its path can be recomputed."""
     first_power: ClassVar[int] = 0
-    """Power of the first step with which its error grows; 0 if the solver's choice does not depend on the time."""
+    """Power p of the first step h, whose error grows as h**p. It is 0 if the solver's h does not depend on the time."""
 
     def __post_init__(self) -> None:
         check_bounds(self.name, self.max_step, self.first_step)

@@ -24,8 +24,7 @@ ORDERS = {"BDF": 5, "Adams": 12}
 
 LAST_STEP_SPACINGS = 4
 """A remaining time of at most this many spacings of floating-point times is one last step. Otherwise CVODE would
-continue forever with t + h = t (LLNL/sundials#44), and print warnings from C.
-"""
+continue forever with t + h = t (LLNL/sundials#44), and print warnings from C."""
 
 TINIEST = 1e-140
 """Time spans below this count as zero, because CVODE divides by squares of fractions of the span."""
@@ -111,7 +110,7 @@ class _CvodeStepper:
         self.t0, self.t1 = t, law.problem.t1
         self.sign = 1.0 if self.t1 > t else -1.0
         self.s, self.end = 0.0, abs(self.t1 - t)
-        self.state = y
+        self.t, self.y = t, y
         self.reached = False
         self.rejected = 0
         self.trials: list[float] = []
@@ -128,17 +127,8 @@ class _CvodeStepper:
             first_step=0.0 if np.isinf(first) else min(first, self.end),
             max_order=options.claims.order,
         )
-        self.cvode.init_step(self.s, self.state)
+        self.cvode.init_step(self.s, self.y)
         self.begin = self.s
-
-    @property
-    def t(self) -> float:
-        reached = self._time(self.s)
-        return self.t1 if self.reached or self.sign * (self.t1 - reached) < 0 else reached
-
-    @property
-    def y(self) -> FloatArray:
-        return self.state
 
     def _time(self, s: float) -> float:
         return self.t0 + self.sign * s
@@ -162,7 +152,9 @@ class _CvodeStepper:
         if step.status < 0:
             return self.law.fault or Fault(Status.DIVERGED, t, y, detail=f"CVODE says: {step.message}")
         self.reached = step.status == _REACHED
-        self.s, self.state = float(step.t), np.array(step.y, dtype=float)
+        self.s, self.y = float(step.t), np.array(step.y, dtype=float)
+        t_reached = self._time(self.s)
+        self.t = self.t1 if self.reached or self.sign * (self.t1 - t_reached) < 0 else t_reached
         if not self.reached and not self.s - self.begin > LAST_STEP_SPACINGS * float(np.spacing(abs(self.begin))):
             return self.law.recent_fault() or Fault(Status.STEP_TOO_SMALL, t, y)
         if not first:
@@ -174,7 +166,7 @@ class _CvodeStepper:
         def interpolant(times: FloatArray) -> FloatArray:
             return np.array([self.cvode.step(s, "normal").y for s in times.tolist()]).T
 
-        dense = StepInterpolant.read((t, self.t), (y, self.state), (self.begin, self.s), interpolant, self.degree)
+        dense = StepInterpolant.read((t, self.t), (y, self.y), (self.begin, self.s), interpolant, self.degree)
         if not self.reached:
             # The next step starts from the time that was requested last.
             self.cvode.step(self.s, "normal")

@@ -23,38 +23,34 @@ LARGEST_LOSS, LOSS_WITH_CONTROL = 1.0, 1e3
 With error control the fraction is at most the second number times the root of rtol: 3 % at the default rtol of 1e-9,
 which a million oscillations by dop853 do not reach. The kinetic energy at the mean speed is a quarter of the final one
 in a fall from rest, and two fifths of the largest one in an oscillation. Two bodies that pass through one another
-change the energy by 0.5 to 100 times that.
-"""
+change the energy by 0.5 to 100 times that."""
 
 NOTABLE_CHANGE, SMALL_CHANGE = 1e-5, 1e-2
 """Changes of the energy that need no further test: relative to the energy, and to the kinetic energy at either end. A
 run at default tolerances changes the energy by 1e-12 to 1e-7, so that its test costs one evaluation. The first number
-is small because the energy may be large only by the choice of its zero.
-"""
+is small because the energy may be large only by the choice of its zero."""
 
 SPEED_SAMPLES = 64
 """Number of equal parts of the time span at whose ends the speed is evaluated."""
 
 ROUND_OFF_DISPLACEMENT = 1e-10
 """Relative displacement that counts as rounding and error within the tolerance. A body at rest in equilibrium has
-energies of that size, which no method conserves.
-"""
+energies of that size, which no method conserves."""
 
 FIRST_DISPLACEMENT = 1e-3
 """Relative displacement along the first acceleration for which the motion has only begun. After one Euler step from
-rest the kinetic energy has a relative error of 1; the error of the state is half of the squared step.
-"""
+rest the kinetic energy has a relative error of 1, but the error of the state is half of the squared step."""
 
 DIRECTIONS = 8
 """Number of displacements of the initial state from which the rounding error of its energy is estimated."""
 
 
 def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
-    """Return the trajectory of a run that began with the energy `before`; UNRELIABLE if the energy is not conserved.
+    """Return the trajectory of a run from the energy `before`, with the status UNRELIABLE if this is not conserved.
 
     The status changes only if the equations of motion conserve the energy. `adaptive` is False for fixed steps, which
-    may jump over a collision or a singular configuration without an error. If an event reset the state, the energy
-    just before the first reset is tested.
+    may jump over a collision or a singular configuration without an error. If an event reset the state, the energy just
+    before the first reset is tested.
     """
     model = problem.model
     if not trajectory.status.complete or not model.equations.structure.may_keep_energy or not trajectory.y.size:
@@ -100,8 +96,6 @@ def energy(problem: Problem, y: FloatArray) -> float:
 
 def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
     """Return the state (2n,) just before the first reset by an event, or the last state of the run, and its time."""
-    if not problem.events:
-        return trajectory.y[:, -1], float(trajectory.t[-1])
     direction = 1 if problem.t1 >= problem.t0 else -1
     resets = [
         (direction * float(times[0]), states[0])
@@ -117,9 +111,9 @@ def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
 def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float) -> float:
     """Return the kinetic energy at the mean speed of the run from its start to the time `until`.
 
-    The speed is the square root of the kinetic energy. Unlike the energy, this value does not depend on the zero of
-    the potential. Unlike the kinetic energy of one state, it is not zero at a turning point, and a close encounter
-    does not dominate it.
+    The speed is the square root of the kinetic energy. Unlike the energy, this value does not depend on the zero of the
+    potential. Unlike the kinetic energy of one state, it is not zero at a turning point, and a close encounter does not
+    dominate it.
     """
     t, y = trajectory.t, trajectory.y
     times = np.linspace(problem.t0, until, SPEED_SAMPLES + 1)
@@ -143,8 +137,8 @@ def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
 def _noise(problem: Problem, before: float) -> float:
     """Return the rounding error of the initial energy, `before`.
 
-    It is the largest change of the energy if the initial state changes in several directions by rounding, or by a
-    tiny first step.
+    It is the largest change of the energy if the initial state changes in several directions by rounding, or by a tiny
+    first step.
     """
     layout, y0 = problem.model.layout, problem.y0
     sizes = np.concatenate([np.full(len(part), np.abs(part).max()) for part in layout.split(y0)])
@@ -168,10 +162,10 @@ _NEAR_ZERO = 1e-3
 class EnergyDrift:
     """The energy E along a run: `first` is E0 at the start, or at the first output if no start is known.
 
-    `last` is E at the end, `absolute` is max |E - E0|, and `relative` is `absolute` / `scale`. The scale is |E0|. If
-    E0 is close to zero, the scale is the largest |v.p| / 2, for most systems the largest kinetic energy. `against`
-    names the scale in words. `conserved` is True if the equations conserve the energy, and None if that is not known.
-    The drift measures accuracy only if `conserved` is True.
+    `last` is E at the end, `absolute` is max |E - E0|, and `relative` is `absolute` / `scale`. The scale is |E0|. If E0
+    is close to zero, the scale is the largest |v.p| / 2, for most systems the largest kinetic energy. `against` names
+    the scale in words. `conserved` is True if the equations conserve the energy, and None if that is not known. The
+    drift measures accuracy only if `conserved` is True.
     """
 
     conserved: bool | None
@@ -205,10 +199,10 @@ class EnergyDrift:
 
 
 def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the times (N,) and states (2n, N) of the run's outputs, and True if they begin with the start.
+    """Return the times (N,) and states (2n, N) of the run's outputs from the start of the run on, and True.
 
-    The start is put before the outputs if they do not contain it. If its state is not stored and cannot be computed,
-    the outputs alone and False are returned.
+    If the outputs do not contain the start, it is put before them. If its state cannot be computed either, the outputs
+    alone and False are returned.
     """
     first, t, y = run.span[0], run.t, run.y
     if not len(t) or t[0] == first:

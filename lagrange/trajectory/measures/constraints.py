@@ -190,8 +190,8 @@ class ConstraintDrift:
 
     The scale is the largest size of the constraint's terms along the run. If no terms cancel, as in y = 0, it is the
     gradient times the sizes of the entries of the state. `positions` are the violations of phi, and zero for
-    constraints stated in velocities. `velocities` are the violations of dphi/dt, or of the constraint that is stated
-    in velocities.
+    constraints stated in velocities. `velocities` are the violations of dphi/dt, or of the constraint that is stated in
+    velocities.
     """
 
     positions: FloatArray
@@ -209,7 +209,7 @@ class ConstraintDrift:
 
     @property
     def card(self) -> dict[str, float | None]:
-        """The largest violations of the run in "positions" and "velocities"; None if one is not finite."""
+        """The largest violations of the run in "positions" and "velocities", or None if one is not finite."""
         return {name: value if math.isfinite(value) else None for name, value in self._largest.items()}
 
     def sentence(self) -> str:
@@ -225,7 +225,7 @@ class ConstraintDrift:
 
 
 def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> ConstraintDrift | None:
-    """Return the constraints' violations in states y (2n, N) at times t (N,), or None if either is empty."""
+    """Return the constraints' violations in states y (2n, N) at times t (N,), or None without constraints or states."""
     values, constraints = model.parameter_array(parameters), model.equations.stated
     if not len(constraints) or not len(t):
         return None

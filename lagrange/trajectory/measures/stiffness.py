@@ -28,11 +28,12 @@ from |z| = 1.0 on, and 1.01 from 1.7 on. For tsit5, |R| exceeds 1 from 0.48 on, 
 runs have |z| = 0.9 to 1.0 for dopri5, and 0.64 to 0.85 for tsit5."""
 
 NEAR_LIMIT = 0.6
-"""Step length, relative to the limit of stability, above which a step is at the limit. The library's scenes reach at
+"""A step is at the limit of stability if its length exceeds this fraction of the limit. The library's scenes reach at
 most 0.7, and only at rtol = 1e-3. The steps of stiff runs vary from about 0.7 to 1."""
 
 MOST_OVERSHOOT = 1.5
-"""Largest step, relative to the limit, with step control. Fixed steps may exceed it; then the run fails."""
+"""Largest step, relative to the limit, with step control. Fixed steps may exceed the limit by more, but the run then
+fails."""
 
 SLOWER = 30.0
 """The solution must change more slowly than the limiting mode by this factor. Otherwise the steps resolve the mode."""
@@ -43,8 +44,7 @@ masses. The stiff spring of a pendulum moves so little that its velocity is only
 
 LET_THROUGH = 10.0
 """Change of a velocity over a step that the tolerance allows, in units of rtol times the speed. An undamped oscillation
-that the steps do not resolve grows until step control limits it, at 1 to 7 rtol for dopri5 and tsit5.
-"""
+that the steps do not resolve grows to 1 to 7 of these units for dopri5 and tsit5."""
 
 REMEDY = "radau5"
 """Recommended method for stiff runs."""
@@ -92,7 +92,7 @@ class Stiffness:
 
 
 def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any]) -> Stiffness | None:
-    """Return the stiffness of a run; None if it is not stiff, too short, or by a method without a known limit.
+    """Return the stiffness of a run, or None if it is not stiff, too short, or by a method without a known limit.
 
     The stability limit is known for explicit Runge-Kutta methods and Taylor series. The Jacobian is evaluated at 20
     accepted steps, and only if the solution changes little over most of them.
@@ -232,8 +232,8 @@ def _limit(polynomial: Polynomial, angle: float) -> float:
 def stability_limit(polynomial: Polynomial, angle: float) -> float:
     """Return the largest |z| up to which |R(z)| <= 1, for complex z of the argument `angle`.
 
-    `polynomial` has the coefficients of the stability polynomial R. The angle is between pi/2, for an oscillation,
-    and pi, for a decay.
+    `polynomial` has the coefficients of the stability polynomial R. The angle is between pi/2, for an oscillation, and
+    pi, for a decay.
     """
-    # An angle within a rounding of 1e-4 of the imaginary axis counts as on it: damping would hide the growth there.
+    # An angle within 5e-4 of the imaginary axis counts as on the axis: damping would hide the growth there.
     return _limit(polynomial, math.pi / 2 + round(angle - math.pi / 2, 3))

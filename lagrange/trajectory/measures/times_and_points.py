@@ -23,7 +23,7 @@ _CLIPPED = 1e-12
 """Largest fraction of the span by which a time may exceed an end due to rounding. It is then set to that end."""
 
 MOST_LINES = 10_000_000
-"""Largest number of lines that `to_csv(rate=...)` writes; such a file has some gigabytes."""
+"""Largest number of lines that `to_csv(rate=...)` writes. Such a file has some gigabytes."""
 
 
 def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:

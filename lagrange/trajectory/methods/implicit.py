@@ -36,7 +36,7 @@ from lagrange.trajectory.methods.tolerances import (
 )
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
-from lagrange.trajectory.trajectory import FloatArray, Trajectory
+from lagrange.trajectory.trajectory import FloatArray
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class ImplicitMethod:
     `step`.
 
     With a `starter`, which takes the first step, the step function has a further argument after the state: the state
-    one step before. `path` makes the dense output; the default is a Hermite path. The steps of a `holonomic` method
-    end on the constraints: their states are not projected, and constraints stated in velocities are refused.
+    one step before. `path` makes the dense output; the default is a Hermite path. The steps of a `holonomic` method end
+    on the constraints: their states are not projected, and constraints stated in velocities are refused.
     """
 
     name: str
@@ -88,7 +88,7 @@ class ImplicitMethod:
 
     @property
     def program(self) -> StepProgram:
-        """A step of the method as a program."""
+        """The program that computes one step of the method."""
         return _program(self.name, self.function, self.law, self.control, self.starter)
 
     def plan(self, problem: Problem) -> StepPlan:
@@ -102,9 +102,7 @@ class ImplicitMethod:
         path = self.path or hermite_path(self.claims.order)
         return StepPlan(self.program, tolerances, path, projected=not self.holonomic)
 
-    def integrate(self, problem: Problem) -> Trajectory:
-        """Return the trajectory of a problem, run by this method."""
-        return drive_by(self, problem, self.name)
+    integrate = drive_by
 
 
 @lru_cache(maxsize=64)
@@ -153,7 +151,7 @@ def lagrange_basis(points: Sequence[Abscissa]) -> list[list[Any]]:
 def collocation_tableau(points: Sequence[Abscissa]) -> Tableau:
     """Return the tableau A, b, c of collocation at the `points` c of [0, 1].
 
-    A has the integrals of the Lagrange polynomials of the points from 0 to c_i, and b their integrals from 0 to 1.
+    A and b are the integrals of the Lagrange polynomials of the points, from 0 to c_i and from 0 to 1.
     """
     basis = lagrange_basis(points)
 
@@ -185,8 +183,8 @@ def lobatto_pair(stages: int) -> tuple[Any, ...]:
 def _zero(near: float, degree: int) -> Fraction:
     """Return the zero, rounded to 200 bits, of the Legendre polynomial of a `degree` that is nearest to `near`.
 
-    `near` is the zero as a double. Newton's method takes three steps in fractions, each of which doubles the number
-    of correct digits.
+    `near` is the zero as a double. Newton's method takes three steps in fractions, each of which doubles the number of
+    correct digits.
     """
     x = Fraction(near)
     for _ in range(3):

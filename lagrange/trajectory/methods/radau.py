@@ -31,9 +31,8 @@ POINTS = {2: (1 / 3, 1.0), 3: ((4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0)}
 """The zeros of Radau's polynomials on [0, 1], by number of stages."""
 
 DAMPING = {2: 6**-0.5, 3: 1 / (3 + 3 ** (2 / 3) - 3 ** (1 / 3))}
-"""Factor of h J in the damping of the error: 1 / the real eigenvalue of A^-1. For 2 stages both eigenvalues are
-complex, and the factor is 1 / their size.
-"""
+"""Factor of h J in the damping of the error, by number of stages: 1 / the real eigenvalue of A^-1. For 2 stages both
+eigenvalues are complex, and the factor is 1 / their size."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +44,9 @@ class RadauStep:
     def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Any) -> tuple[Any, Any]:
         """Return the state at t + h after a step from y at t, and the error vector of the step.
 
-        `f(t, y)` returns the slopes. `solve(residuals, guess, predict)` returns the unknowns at which the
-        residuals are zero: the changes of the state from y to the stages. It begins with `guess` in the first
-        step, later with the result of `predict`. `solve.damp(factor, x)` returns (I - factor J)^-1 x, where J
-        is the Jacobian.
+        `f(t, y)` returns the slopes. `solve(residuals, guess, predict)` returns the unknowns at which the residuals are
+        zero: the changes of the state from y to the stages. It begins with `guess` in the first step, later with the
+        result of `predict`. `solve.damp(factor, x)` returns (I - factor J)^-1 x, where J is the Jacobian.
         """
         A, _, c = collocation_tableau(POINTS[self.stages])
         gamma = DAMPING[self.stages]
@@ -86,8 +84,8 @@ class RadauStep:
 def continued(points: Sequence[float], next_points: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
     """Return values on the next step of the polynomial that has the values `old` at `points` of the last step.
 
-    The values are at `next_points`. All points are fractions of their own step. The next step is `ratio` times as
-    long as the last one.
+    The values are at `next_points`. All points are fractions of their own step. The next step is `ratio` times as long
+    as the last one.
     """
     basis = [np.poly1d(line[::-1]) for line in lagrange_basis(points)]
 
@@ -181,8 +179,8 @@ def radau5_index2(g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any, solve: 
 def predict(ratio: Any, *old: Any) -> list[Any]:
     """Return guesses of the unknowns of the next step, by extrapolation of polynomials through the last ones.
 
-    `old` are the unknowns of the last step: the velocity changes at the stages, then the multipliers at the stages.
-    `ratio` is the length of the next step divided by the length of the last.
+    `old` are the velocity changes at the stages of the last step, then the multipliers. `ratio` is the length of the
+    next step divided by the length of the last.
     """
     changes, pushes = old[:STAGES], old[STAGES:]
     return [*RADAU5.predict(ratio, *changes), *continued(C, C, ratio, pushes)]

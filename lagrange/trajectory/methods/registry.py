@@ -81,8 +81,7 @@ def register(name: str, method: Any, *, order: int | None = None, replaces: bool
 def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator]:
     """Return a function without arguments that makes the integrator of a registered `method`.
 
-    One integrator is made and checked now. `method` and `order` are the arguments of `register`. Raises
-    StatementError.
+    One integrator is made and checked now. `method` and `order` are the arguments of `register`. Raises StatementError.
     """
     if order is not None:
         if isinstance(method, ButcherTableau) or callable(getattr(method, "integrate", None)):
@@ -136,6 +135,8 @@ class MethodTable(tuple[MethodRow, ...]):
     def __str__(self) -> str:
         return text_table(TITLES, self._cells("{}", "-"), right=(1, len(TITLES) - 2))
 
+    __repr__ = __str__
+
     def _cells(self, name: str, no: str) -> list[list[str]]:
         """Return the cells of each row: `name` is the template of names, `no` the text of a claim that is not made."""
         return [
@@ -147,16 +148,12 @@ class MethodTable(tuple[MethodRow, ...]):
             for row in self
         ]
 
-    def __repr__(self) -> str:
-        return str(self)
-
-    def _repr_markdown_(self) -> str:
-        return self.to_markdown()
-
     def to_markdown(self) -> str:
         """Return the table of methods as Markdown."""
         head, *lines = (f"| {' | '.join(row)} |" for row in (TITLES, *self._cells("`{}`", "")))
         return "\n".join([head, "|---" * len(TITLES) + "|", *lines])
+
+    _repr_markdown_ = to_markdown
 
 
 MARKS: tuple[tuple[str, Callable[[Claims], bool]], ...] = (
@@ -165,8 +162,7 @@ MARKS: tuple[tuple[str, Callable[[Claims], bool]], ...] = (
     ("energy", lambda claims: claims.energy),
     ("A-stable", lambda claims: claims.a_stable),
 )
-"""Columns of the table that are either marked or empty, with the claim that each shows."""
-
+"""Columns of the table that show whether a method makes a claim."""
 
 TITLES = ["method", "order", "step", *(what for what, _ in MARKS), "dense", "about"]  # Headings of the table
 
@@ -179,8 +175,8 @@ def names() -> list[str]:
 def find(method: Any) -> Integrator:
     """Return the integrator for a method as a user gives it.
 
-    `method` is an integrator, which is returned unchanged, the name of a method, or a tableau, whose Runge-Kutta
-    method is returned. Raises StatementError for anything else.
+    `method` is an integrator, which is returned unchanged, the name of a method, or a tableau, whose Runge-Kutta method
+    is returned. Raises StatementError for anything else.
     """
     if isinstance(method, ButcherTableau):
         return RungeKutta(method)

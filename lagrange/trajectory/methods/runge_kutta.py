@@ -24,7 +24,7 @@ from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux import explicit as tableaux
 from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, Coefficients, ErrorEstimate, moved
-from lagrange.trajectory.trajectory import FloatArray, Trajectory
+from lagrange.trajectory.trajectory import FloatArray
 
 FRACTION = re.compile(r"\s*[+-]?[0-9]{0,99}(\.[0-9]{0,99})?(/[0-9]{1,99}|[eE][+-]?[0-9]{1,3})?\s*")
 """Pattern of an entry of a tableau as text, such as 2/3, -1 or 0.25."""
@@ -34,9 +34,9 @@ FRACTION = re.compile(r"\s*[+-]?[0-9]{0,99}(\.[0-9]{0,99})?(/[0-9]{1,99}|[eE][+-
 class RungeKutta:
     """The integrator by an explicit Runge-Kutta method with a tableau.
 
-    `step` is the size of fixed steps, for a tableau without an error estimate. `rtol` and `atol` are the tolerances
-    for a tableau with an error estimate. If an option is None, the option of the run counts, or a default. `law` is
-    the function that the step evaluates: "rhs", or "local" for a step in local coordinates of rotations, which keeps
+    `step` is the size of fixed steps, for a tableau without an error estimate. `rtol` and `atol` are the tolerances for
+    a tableau with an error estimate. If an option is None, the option of the run counts, or a default. `law` is the
+    function that the step evaluates: "rhs", or "local" for a step in local coordinates of rotations, which keeps
     quaternions at length one.
     """
 
@@ -68,7 +68,7 @@ class RungeKutta:
 
     @property
     def program(self) -> StepProgram:
-        """A step of the method as a program."""
+        """The program that computes one step of the method."""
         return runge_kutta_step(self.tableau, self.law)
 
     def plan(self, problem: Problem) -> StepPlan:
@@ -77,9 +77,7 @@ class RungeKutta:
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
         return StepPlan(self.program, tolerances, self._path)
 
-    def integrate(self, problem: Problem) -> Trajectory:
-        """Return the trajectory of a problem, run by this method."""
-        return drive_by(self, problem, self.name)
+    integrate = drive_by
 
     def _path(self, problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
         dense, order = self.tableau.dense, self.tableau.order
@@ -91,10 +89,7 @@ class RungeKutta:
 
 @lru_cache(maxsize=64)
 def runge_kutta_step(tableau: ButcherTableau, law: str = "rhs") -> StepProgram:
-    """Return the step program of a tableau.
-
-    `law` is the function that the step evaluates: "rhs", or "local" for a step in local coordinates of rotations.
-    """
+    """Return the step program of a tableau. `law` is "rhs", or "local" for local coordinates of rotations."""
     estimate, control = tableau.error, None
     if estimate is not None:
         control = Control(estimate.control, damped=bool(estimate.damping), memory=estimate.memory)
@@ -108,9 +103,9 @@ def runge_kutta_step(tableau: ButcherTableau, law: str = "rhs") -> StepProgram:
 def local_step(tableau: ButcherTableau, g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any) -> tuple[Any, ...]:
     """Return q and v after a step of the tableau in local coordinates about its start, then their error estimates.
 
-    q and v are vectors of n entries at time t, and h is the step size. g(t, Q, V, q) is a function of a local state
-    Q, V about the coordinates q at the start of the step. It returns four vectors: dQ/dt and dV/dt, then the
-    coordinates and velocities that the local state represents.
+    q and v are vectors of n entries at time t, and h is the step size. g(t, Q, V, q) is a function of a local state Q,
+    V about the coordinates q at the start of the step. It returns four vectors: dQ/dt and dV/dt, then the coordinates
+    and velocities that the local state represents.
     """
 
     def slope(at: Any, state: Any) -> Any:
@@ -195,8 +190,8 @@ def tableau(
 
     `A` is a strictly lower triangular matrix (s, s) or its rows, `b` has s weights, and `c` are the abscissae, by
     default the row sums of A. An entry is a number, a Fraction or text such as "2/3". `embedded` are the weights of a
-    second solution, of `embedded_order` or by default one less than `order`: the method then controls its steps by
-    the difference. Raises StatementError with the condition that fails.
+    second solution, of `embedded_order` or by default one less than `order`: the method then controls its steps by the
+    difference. Raises StatementError with the condition that fails.
     """
     listed = _listed(text(name, "name"), A)
     if listed is None:
@@ -226,7 +221,7 @@ def tableau(
 
 
 def _listed(name: str, array: Any) -> list[Any] | None:
-    """Return the rows of a matrix, or the entries of a row, as lists; None for an argument that is neither."""
+    """Return the rows of a matrix, or the entries of a row, as lists, or None for an argument that is neither."""
     if isinstance(array, (np.ndarray, sympy.MatrixBase)) and len(array.shape) == 2 and max(array.shape) <= MOST_ENTRIES:
         return list(array.tolist())
     return entries(array, f"a row of the tableau {shown(name)}")
@@ -256,7 +251,7 @@ def _fraction(entry: Any) -> Fraction:
 def explicit_method(A: Any, b: Any, *, name: str, order: int, step: float | None = None) -> RungeKutta:
     """Return a fixed-step method from a tableau.
 
-    `A` is a strictly lower triangular matrix (s, s) or its rows, and `b` has s weights. The tableau is checked
-    against the `order`; `step` is the step size. Raises StatementError with the condition that fails.
+    `A` is a strictly lower triangular matrix (s, s) or its rows, and `b` has s weights. The tableau is checked against
+    the `order`; `step` is the step size. Raises StatementError with the condition that fails.
     """
     return RungeKutta(tableau(A, b, name=name, order=order), step=step)

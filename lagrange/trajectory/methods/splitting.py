@@ -28,7 +28,6 @@ from lagrange.trajectory.integrator import Claims, Problem, built_in, method_rep
 from lagrange.trajectory.methods.tolerances import check_options, fixed_settings
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
-from lagrange.trajectory.trajectory import Trajectory
 
 SplittingStages = tuple[tuple[float, float], ...]
 
@@ -36,7 +35,7 @@ CUBE = 1 / (2 - 2 ** (1 / 3))
 """Outer coefficient of the triple jump, with which the errors of order h^3 cancel."""
 
 YOSHIDA6 = (0.78451361047755726381949763, 0.23557321335935813368479318, -1.17767998417887100694641568)
-"""First three of seven coefficients of a symmetric composition; the middle one makes the sum 1."""
+"""First three of seven coefficients of a symmetric composition. The middle coefficient makes the sum 1."""
 
 KAHAN_LI = (
     0.13020248308889008087881763,
@@ -48,16 +47,16 @@ KAHAN_LI = (
     0.25837438768632204729397911,
     0.29501172360931029887096624,
 )
-"""First eight of seventeen coefficients of a symmetric composition; the middle one makes the sum 1."""
+"""First eight of seventeen coefficients of a symmetric composition. The middle coefficient makes the sum 1."""
 
 
 @dataclass(frozen=True)
 class Splitting:
     """An integrator that composes kicks and drifts. `stages` are pairs (kick, drift) of fractions of the step h.
 
-    In each pair the kick, of the velocities, comes first, then the drift of the coordinates. The sums of the
-    fractions and every order condition up to `order` are checked. Raises StatementError with the condition that fails
-    and its error.
+    In each pair the kick, of the velocities, comes first, then the drift of the coordinates. The sums of the fractions
+    and every order condition up to `order` are checked. Raises StatementError with the condition that fails and its
+    error.
     """
 
     name: str
@@ -100,7 +99,7 @@ class Splitting:
 
     @property
     def program(self) -> StepProgram:
-        """A step of the splitting as a program."""
+        """The program that computes one step of the splitting."""
         return splitting_step(self.name, self.stages)
 
     def plan(self, problem: Problem) -> StepPlan:
@@ -109,9 +108,7 @@ class Splitting:
         check_separable(self.name, problem.model)
         return StepPlan(self.program, tolerances, hermite_path(self.order))
 
-    def integrate(self, problem: Problem) -> Trajectory:
-        """Return the trajectory of a problem, run by this splitting."""
-        return drive_by(self, problem, self.name)
+    integrate = drive_by
 
 
 def _pairs(name: str, stages: Any) -> SplittingStages:
@@ -128,7 +125,7 @@ def _pairs(name: str, stages: Any) -> SplittingStages:
 def check_separable(name: str, model: Model) -> None:
     """Raise StatementError if method `name` cannot split a model into kicks and drifts.
 
-    This is so if the mass matrix is not constant, equations are of first order, or accelerations depend on velocities.
+    The mass matrix must be constant, no equation may be of first order, and accelerations may not depend on velocities.
     """
     structure = model.equations.structure
     position_only = structure.position_only or structure.decisions.position_only is True
@@ -188,8 +185,8 @@ def composition(
 
     Each of these steps begins and ends with half a drift, or half a kick with `first="kick"`. Adjacent halves are
     joined. Coefficients that are the same in reverse order give a symmetric method, of even order. `source` names the
-    publication. Raises StatementError if the coefficients do not add up to 1, or if the order differs from the
-    claimed `order`.
+    publication. Raises StatementError if the coefficients do not add up to 1, or if the order differs from the claimed
+    `order`.
     """
     if not isinstance(first, str) or first not in ("drift", "kick"):
         raise StatementError(f"first = {shown(first)}: give 'drift' or 'kick'.")
@@ -284,10 +281,10 @@ def _mirrored(outer: tuple[float, ...]) -> tuple[float, ...]:
 
 
 WORD_TOLERANCE = 1e-13
-"""Tolerance of a coefficient relative to the size of its terms."""
+"""Tolerance of a coefficient in an order condition, relative to the size of its terms."""
 
 HIGHEST_CHECKED = 10
-"""The highest order that is checked: there are 2046 words up to it."""
+"""The highest order that is checked: there are 2046 conditions (words) up to it."""
 
 
 @lru_cache(maxsize=64)

@@ -26,7 +26,7 @@ from lagrange.trajectory.integrator import Claims, Problem, Tolerances, built_in
 from lagrange.trajectory.methods.runge_kutta import DOP853
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options
 from lagrange.trajectory.run_loop import drive_by
-from lagrange.trajectory.trajectory import FloatArray, Trajectory
+from lagrange.trajectory.trajectory import FloatArray
 
 TOP_ORDER = 64
 """The highest order that a user may request."""
@@ -37,8 +37,8 @@ TOP_ORDER = 64
 class Taylor:
     """The adaptive Taylor series method, compiled from the energies; order by cost, 4 to 32 (listed as 20).
 
-    `rtol` and `atol` are the tolerances, and `order` is a fixed order from 4 to 64. If an option is None, the option
-    of the run is used; without one, the method chooses.
+    `rtol` and `atol` are the tolerances, and `order` is a fixed order from 4 to 64. If an option is None, the option of
+    the run is used; without one, the method chooses.
     """
 
     rtol: float | None = None
@@ -80,9 +80,7 @@ class Taylor:
         series, _ = problem.model.series(tuple(event.node for event in events))
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, events)
 
-    def integrate(self, problem: Problem) -> Trajectory:
-        """Return the trajectory of a problem, run by this method."""
-        return drive_by(self, problem, self.name)
+    integrate = drive_by
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +117,7 @@ class TaylorPlan:
         return SeriesDriver(model.machine, self.series.code(self.order), self.order, parameters)
 
     def watch(self, problem: Problem, driver: SeriesDriver, memory: EventMemory | None = None) -> SeriesWatch | None:
-        """Return the watcher, which searches the steps for events and crossings of surfaces; None without any."""
+        """Return the watcher, which searches the steps for events and crossings of surfaces, or None without any."""
         if not self.watched:
             return None
         parameters, tolerances = problem.parameter_array, self.tolerances
@@ -131,8 +129,8 @@ class TaylorPlan:
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: SeriesWatch | None) -> SeriesPath:
         """Return the dense output through accepted times (S+1,) and states (S+1, 2n): the Taylor series of each step.
 
-        `watch` has the parameters and the signs of switching surfaces at each step. A step without a series has a
-        cubic Hermite path.
+        `watch` has the parameters and the signs of switching surfaces at each step. A step without a series has a cubic
+        Hermite path.
         """
         parameters = problem.parameter_array
         if watch is None:

@@ -20,7 +20,7 @@ from lagrange.statement.run_settings import DEFAULT_RTOL
 from lagrange.trajectory.integrator import FLOOR_SHARE, LEAST_ATOL, LEAST_SHARE, Problem, Tolerances
 
 FIXED_STEPS = 1000
-"""Number of fixed steps of a run if no step is stated; the status card reports it."""
+"""Number of fixed steps of a run if no step is stated. The status card reports this number."""
 
 STEPS_UNDER_BRIEF_FORCE = 1000
 """Smallest number of adaptive steps of a run if a force may act for a short time (`Structure.brief`). Longer steps of a
@@ -50,9 +50,9 @@ def adaptive_settings(
     """Return the tolerances of an adaptive method: the tolerances of the run, else of the method, else the defaults.
 
     `name` is the method's name. `step`, `rtol` and `atol` are the method's own options, None if not given; a step is
-    refused. If the run and the method both state a tolerance, the two must be equal. The default absolute tolerance
-    of an entry is a fraction of its size, by `FLOOR_SHARE`. `least` is the smallest relative tolerance that the
-    method can use. `margin` maps rtol to the factor by which the driver multiplies the tolerances.
+    refused. If the run and the method both state a tolerance, the two must be equal. The default absolute tolerance of
+    an entry is a fraction of its size, by `FLOOR_SHARE`. `least` is the smallest relative tolerance that the method can
+    use. `margin` maps rtol to the factor by which the driver multiplies the tolerances.
     """
     check_problem(name, problem)
     if problem.step is not None or step is not None:

@@ -28,13 +28,12 @@ from lagrange.trajectory.methods.tolerances import check_options, fixed_settings
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux.butcher import CONDITION_TOLERANCE, ButcherTableau, Coefficient
-from lagrange.trajectory.trajectory import Trajectory
 
 TRIAL_POINTS = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))
 """Values of (t, h) for the test. Two of them distinguish h**2 from h."""
 
 SHORT_STEP = Fraction(1, 4096)
-"""A step so short that its slopes must add up to h, up to terms of relative size h."""
+"""Step size for which the coefficients of a consistent step's slopes add up to h, with an error relative to h."""
 
 SHORT_STEP_TOLERANCE = 1 / 16
 """Relative tolerance of the test with a short step."""
@@ -67,7 +66,7 @@ class StepMethod:
 
     @property
     def program(self) -> StepProgram:
-        """A step of the method as a program."""
+        """The program that computes one step of the method."""
         return _program(self.name, self.function)
 
     def plan(self, problem: Problem) -> StepPlan:
@@ -77,9 +76,7 @@ class StepMethod:
             check_separable(self.name, problem.model)
         return StepPlan(self.program, tolerances, hermite_path(self.order))
 
-    def integrate(self, problem: Problem) -> Trajectory:
-        """Return the trajectory of a problem, run by this method."""
-        return drive_by(self, problem, self.name)
+    integrate = drive_by
 
 
 def step_method(function: Callable[..., Any], *, order: int, name: str = "", step: float | None = None) -> StepMethod:
@@ -238,9 +235,8 @@ class TrialVector(TracedVector):
 class _Tried:
     """The operations of a trial call of a step function, as linear combinations of the state and the slopes.
 
-    The step evaluates slopes at the `times` and the vectors `arguments`, and returns the vectors `results`. Each
-    vector is a dict from index to coefficient. Index 0 is the state y, or indices 0 and 1 are q and v; then come the
-    slopes.
+    The step evaluates slopes at the `times` and the vectors `arguments`, and returns the vectors `results`. Each vector
+    is a dict from index to coefficient. Index 0 is the state y, or indices 0 and 1 are q and v; then come the slopes.
     """
 
     times: tuple[Coefficient, ...]
@@ -259,7 +255,7 @@ def _agree(pairs: Iterable[tuple[Coefficient, Coefficient]]) -> bool:
 
 
 def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h: Fraction) -> _Tried:
-    """Return the operations of a trial call of the step function `name` at time t with step h, and its results.
+    """Return the operations and results of a trial call of the step function `name` at time t with step h.
 
     `states` is 1 for a step of the state y, 2 for a step of q and v. Raises StatementError for anything but linear
     combinations of vectors.
@@ -378,8 +374,8 @@ def _check_whole(name: str, what: str, terms: dict[int, Coefficient]) -> None:
 def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fraction) -> None:
     """Raise StatementError if a step in q and v is wrong under a constant acceleration a.
 
-    `tried` is its trial call at time t with step h. It must return q + h v + h^2 a/2 and v + h a; the term with h^2
-    is required from order 2 on.
+    `tried` is its trial call at time t with step h. It must return q + h v + h^2 a/2 and v + h a; the term with h^2 is
+    required from order 2 on.
     """
     q, v = tried.results
     sums = [sum(float(c) for i, c in terms.items() if i > 1) for terms in (q, v)]

@@ -83,8 +83,7 @@ DISCRETE_GRADIENT = Galerkin(tuple(tuple(node * weight for weight in WEIGHTS) fo
 The mean is computed by Gauss's quadrature. The energy changes by the product of mean gradient and step, which are
 perpendicular. So the energy is conserved, up to the error of the quadrature. Source: R. I. McLachlan, G. R. W. Quispel,
 N. Robidoux, Phil. Trans. R. Soc. A 357, 1999, eq. 2.4; E. Hairer, C. Lubich, G. Wanner, Geometric Numerical
-Integration, V.5.
-"""
+Integration, V.5."""
 
 
 def _method(
@@ -133,8 +132,8 @@ Constrained = Callable[..., tuple[Any, Any, Any, Any, Any]]
 class LobattoPair:
     """The step that integrates q' = v with Lobatto IIIA and p' = f + c with IIIB, with phi = 0 at every stage.
 
-    f are the forces and c the constraint forces. The last column of IIIB is zero. So the multiplier at the end
-    changes only the momentum there, and makes the velocity satisfy the constraints.
+    f are the forces and c the constraint forces. The last column of IIIB is zero. So the multiplier at the end changes
+    only the momentum there, and makes the velocity satisfy the constraints.
     """
 
     A: tuple[tuple[Abscissa, ...], ...]

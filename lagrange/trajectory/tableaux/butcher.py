@@ -15,15 +15,14 @@ from lagrange.errors import StatementError, shown
 from lagrange.statement.expression import text, whole_number
 
 Tree = tuple[Any, ...]
-"""A tree is the sorted tuple of its root's subtrees; a leaf is the empty tuple."""
+"""A tree is the sorted tuple of its root's subtrees. A leaf is the empty tuple."""
 
 Coefficient = Fraction | float
 Coefficients = tuple[Coefficient, ...]
 Entry = TypeVar("Entry")
 
 CONDITION_TOLERANCE = 1e-12
-"""Relative tolerance of a condition with float coefficients; with exact ones it must hold exactly."""
-
+"""Relative tolerance of a condition with float coefficients. A condition with exact coefficients must hold exactly."""
 
 HIGHEST_CHECKED = 10
 """Highest order that is checked: it has 1205 conditions, and each further order nearly three times as many."""
@@ -319,8 +318,8 @@ def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree,
     """Return the weights Phi_j(tree) of the stages j, (stages,), for every tree with at most `order` nodes.
 
     The order condition of a tree is sum_j b_j Phi_j = 1/gamma. `matrix` has the rows of the lower triangle A of a
-    tableau; row i has at least i entries. Weights are exact fractions. If an entry is a float, all become floats,
-    with which the weights of order 9 take milliseconds only.
+    tableau; row i has at least i entries. Weights are exact fractions. If an entry is a float, all become floats, with
+    which the weights of order 9 take milliseconds only.
     """
     unit: Coefficient = Fraction(1)
     if any(isinstance(entry, float) for row in matrix for entry in row):
@@ -341,7 +340,7 @@ def dot(left: Coefficients, right: Coefficients) -> Coefficient:
 
 
 def formula(tree: Tree) -> str:
-    """Return the formula of a tree's elementary weight, such as ``c_i^2 a_ij c_j``; empty for a single node."""
+    """Return the formula of a tree's elementary weight, such as ``c_i^2 a_ij c_j``, or "" for a single node."""
     letters = iter(ascii_lowercase[ascii_lowercase.index("i") :])
     return _formula(tree, next(letters), letters)
 
