@@ -1,4 +1,4 @@
-"""Statement of contacts between bodies: gap, slip, restitution, friction, and the checks of these expressions."""
+"""Declare contacts between bodies by gap, slip, restitution and friction, and check these expressions."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from lagrange.statement.expression import expression, one_of, vector
 from lagrange.statement.parameters import Survey, table_of
 
 NEWTON, SEQUENCE = LAWS = ("newton", "sequence")
-"""Laws for impacts of several contacts at one instant: Newton's law of restitution for all contacts together, or the
-contacts one after the other."""
+"""Models of impacts of several contacts at one instant: "newton" applies Newton's law of restitution to all contacts
+together, and "sequence" treats the contacts one after the other."""
 
 LARGEST_FRICTION = 1e100  # Largest coefficient of friction, so that squares of forces do not overflow
 
@@ -162,12 +162,11 @@ def gap(name: str) -> Any:
 
 
 def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints: tuple[Any, ...]) -> dict[str, Any]:
-    """Check the contacts of a system, and return the fields `contacts` and `simultaneous` of its Statement by name.
+    """Check the contacts of a system. Return {field: value} for `contacts` and `simultaneous` of its Statement.
 
-    `table` maps names to contacts. `simultaneous` is the law for impacts of several contacts at one instant, a word of
-    `LAWS`, or None. The symbols and functions of the contacts are added to `survey`. `constraints` are those of the
-    statement. Raises StatementError for a gap without coordinates, a slip that is not linear in velocities, and the
-    name of a constraint.
+    `table` maps names to contacts. `simultaneous` is a word of `LAWS`, or None. The symbols and functions of the
+    contacts are added to `survey`. `constraints` are the constraints of the statement. Raises StatementError for a gap
+    without coordinates, a slip that is not linear in velocities, and a contact that has the name of a constraint.
     """
     contacts, taken = [], [constraint.name for constraint in constraints]
     for key, stated in table_of(table, "contacts", "name to lg.contact(...)").items():
@@ -190,7 +189,7 @@ def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints:
 
 
 def _check(stated: Contact, survey: Survey) -> None:
-    """Raise StatementError for symbols that an expression of a contact must not have; add the others to `survey`."""
+    """Add the symbols of a contact's expressions to `survey`. Raises StatementError for symbols that do not belong."""
     what = f"the gap of the contact {stated.name!r}"
     leaves = Survey()
     leaves.add(stated.gap, what)

@@ -70,8 +70,8 @@ PREDEFINED = {t.name: "time", "pi": "a constant"}
 """Names with a fixed meaning in every statement, and the words for this meaning in messages."""
 
 MOST_LETTERS = 10_000
-"""Largest number of characters of an expression that labels a row of a table. So labels of different expressions
-differ."""
+"""Largest number of characters of an expression that labels a row of a table. It is large, so that different
+expressions have different labels."""
 
 
 def check_name(name: str, what: str) -> str:
@@ -128,7 +128,7 @@ def declared(coordinate: Any) -> bool:
 
 
 def is_ours(function: Any) -> bool:
-    """Return True if this module created a function of time, False for one of SymPy without the attribute `ddot`."""
+    """Return True if this module created a function of time. A function of SymPy itself has no attribute `ddot`."""
     return "ddot" in type(function).__dict__
 
 
@@ -150,11 +150,11 @@ def function_of_time(name: str, marks: Mapping[str, Any] | None = None) -> Any:
     return UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand, **(marks or {}))(t)
 
 
-ROTATION = "rotation"  # Attribute of the four coordinates of a rotation: the rotation's name
+ROTATION = "rotation"  # Name of the attribute by which a coordinate of a rotation refers to the rotation's name
 
 
 RATE = "rate"
-"""Attribute of a quasi-coordinate, which is a function of time that has a rate but no value. It holds the rate."""
+"""Name of the attribute with the rate of a quasi-coordinate, which is a function of time with a rate but no value."""
 
 
 def rotation_name(coordinate: Any) -> str | None:
@@ -164,8 +164,8 @@ def rotation_name(coordinate: Any) -> str | None:
 
 _NUMPY = {name: name for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh", "sign", "sinc")}
 _NUMPY |= {f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
-"""Functions of NumPy, with SymPy's name of each. NumPy calls the method of this name of an object that is not a
-number."""
+"""SymPy's name of each function of NumPy, {NumPy's name: SymPy's name}. For an array of objects, such as coordinates,
+NumPy calls the method of its name on each object."""
 
 
 def _refusing(numpy: str, ours: str) -> Callable[[Any], NoReturn]:

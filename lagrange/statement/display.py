@@ -60,19 +60,19 @@ def _timed(display: _Terminal | _Notebook | _Log, doing: str, done: str) -> Iter
     """Context manager that shows `doing` with the elapsed time on a display, and the text `done` at the end."""
     ended, began = threading.Event(), time.perf_counter()
 
-    def tell() -> None:
+    def show_elapsed() -> None:
         pause = SILENT_SECONDS
         while not ended.wait(pause):
             display.show(ProgressState(f"{doing}: {time.perf_counter() - began:.0f} s"))
             pause = 1.0
 
-    teller = threading.Thread(target=tell, daemon=True)
-    teller.start()
+    thread = threading.Thread(target=show_elapsed, daemon=True)
+    thread.start()
     try:
         yield
     finally:
         ended.set()
-        teller.join()
+        thread.join()
         display.end(ProgressState(f"{done} in {time.perf_counter() - began:.1f} s"), stays=False)
 
 
@@ -217,8 +217,8 @@ def _bar(
 ) -> Iterator[Report | None]:
     """Context manager of a callback that shows a position within `span` (first, last) in a progress bar.
 
-    The callback is None if no bar is shown, see `enabled` in `_display_of`. `describe` returns the text of a position.
-    If `stays` is true, the last state of the bar remains visible.
+    `describe` returns the text of a position. If `stays` is true, the last state of the bar remains visible. `enabled`
+    chooses the display as in `_display_of`. Without a display the callback is None.
     """
     display = _display_of(enabled)
     if display is None:

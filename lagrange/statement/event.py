@@ -29,10 +29,9 @@ class Event:
     """Event of a run: a zero of an expression in coordinates, velocities, accelerations, multipliers, parameters and t.
 
     `direction` is 1 for zeros at which the expression rises in the direction of the run, and -1 for zeros at which it
-    falls. It is 0 for both and for touches, which are zeros without change of sign. The run ends at occurrence number
-    `terminal`, or never if `terminal` is 0. `reset` maps coordinates and velocities to expressions of the state before
-    the event. `settings` maps parameters in the same way. A user gives both in `reset`, and `declare_events` separates
-    them.
+    falls. With 0 all zeros count, also touches, which are zeros without change of sign. The run ends at occurrence
+    number `terminal`, or never if `terminal` is 0. `reset` maps coordinates and velocities to expressions of the state
+    before the event. `settings` does the same for parameters. A user gives both tables as one, in `reset`.
     """
 
     expression: Any
@@ -116,7 +115,7 @@ def _instead_of(argument: Any) -> str:
             zero = formula(sympy.Add(argument.lhs, sympy.Mul(-1, argument.rhs)), 80)
             return (
                 f"{written!r}, a relation: give the difference of its sides, {zero}, whose zero is the event, and "
-                "direction=1 or -1 for the side to which it goes."
+                "direction=1 if it rises there, or -1 if it falls."
             )
         case numbers.Number() | np.ndarray():
             return (
@@ -141,8 +140,8 @@ def _value(value: Any) -> Any:
 def declare_events(events: Any, statement: Statement, *, constant: str = "") -> tuple[Event, ...]:
     """Return the user's `events` of a run as a tuple of events that are checked against a statement.
 
-    A bare expression is an event in both directions. A run with constant parameters has a name in `constant`, for the
-    message that its events must not set parameters. If `constant` is empty, events may set parameters.
+    A bare expression is an event in both directions. If `constant` is not empty, events must not set parameters. The
+    text `constant`, such as "a section", then names in the message what has constant parameters.
     """
     # Usually there are no events. This case returns first, because the checks of types below take longer.
     if events is None or (isinstance(events, tuple) and not events):
@@ -237,10 +236,10 @@ def _in_own_parameters(e: Event, parameters: tuple[Any, ...]) -> Event:
 
 @lru_cache(maxsize=256)
 def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
-    """Return the coordinates, parameters and functions in an expression.
+    """Return the coordinates, parameters and functions in an expression. Cached for runs with the same events.
 
-    The result is cached for runs with the same events. `what` is the name of the expression in messages. If `motion` is
-    true, it may contain accelerations and multipliers.
+    `what` is the name of the expression in messages. If `motion` is true, the expression may contain accelerations and
+    multipliers.
     """
     survey = Survey()
     survey.add(expression, what, accelerations=motion, multipliers=motion)
@@ -248,10 +247,9 @@ def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
 
 
 def _check(expression: Any, what: str, statement: Statement, *, motion: bool = False) -> Survey:
-    """Return the coordinates, parameters and functions in an expression.
+    """Return the coordinates, parameters and functions in an expression, as `_surveyed` does.
 
-    Raises StatementError if one is not the statement's. `what` is the name of the expression in messages. If `motion`
-    is true, it may contain accelerations and multipliers.
+    Raises StatementError for a symbol or function that the statement does not have.
     """
     survey = _surveyed(expression, what, motion=motion)
     declared = (*statement.coordinates, *statement.given, *statement.parameters)

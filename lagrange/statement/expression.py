@@ -56,7 +56,7 @@ _DEGREES = re.compile(r" *([+-]?[0-9.]{1,30}) *(?:deg|degrees|°) *")  # Matches
 def real_number(value: Any, what: str) -> float:
     """Return a Python, NumPy or SymPy number as a finite float.
 
-    Raises StatementError, with the name `what`, for others.
+    Raises StatementError for other values. In the message `what` is the name of the value.
     """
     number = value if type(value) is float else _as_float(value, what)
     if not math.isfinite(number):
@@ -105,8 +105,8 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
     """Return `value` as an array of doubles, of any shape.
 
     Raises StatementError for complex numbers, texts, truth values, symbols and masked arrays, whose conversion would
-    lose information. It also refuses an array for which the computation would need too much memory. `width` is the
-    number of doubles that the caller computes for each entry, and `what` the name of the value in messages.
+    lose information. The error is also raised if the computation would need too much memory. `width` is the number of
+    doubles that the caller computes for each entry, and `what` the name of the value in messages.
     """
     if type(value) is np.ndarray and value.dtype is DOUBLE and value.size * width <= MOST_NUMBERS:
         return value
@@ -121,7 +121,10 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
 
 
 def complex_array(value: ArrayLike, what: str) -> NDArray[np.complex128]:
-    """Return an array of complex numbers. Raises StatementError, with the name `what`, for others or too many."""
+    """Return an array of complex numbers. Raises StatementError for other values, or too many.
+
+    In the message `what` is the name of the array.
+    """
     with np.errstate(over="ignore"):
         return _array(value, what, 2, "fiuc").astype(complex)
 
@@ -356,8 +359,7 @@ def as_typed(value: Any, what: str) -> Any:
 
 
 SHORTHAND = "shorthand"
-"""Attribute of a function of time that abbreviates an expression, such as an entry of a rotation. It holds the
-expression."""
+"""Name of the attribute with the expression that a function of time abbreviates, such as an entry of a rotation."""
 
 
 def is_shorthand(value: Any) -> bool:
@@ -468,32 +470,37 @@ def modulo(dividend: Any, divisor: Any) -> Any:
 
 def without_modulo(expression: Any) -> Any:
     """Return the expression with each Mod, such as x % 2, replaced by the result of `modulo`."""
-    if not expression.has(sympy.Mod):
-        return expression
-    replacements: dict[Any, Any] = {}
-    # Inner ones come first, since the outer ones contain them.
-    for part in sorted(expression.atoms(sympy.Mod), key=lambda part: (sympy.count_ops(part), str(part))):
-        replacements[part] = modulo(*(argument.xreplace(replacements) for argument in part.args))
-    return _differentiated(expression.xreplace(replacements))
-
-
-_PARTS = (sympy.re, sympy.im, sympy.conjugate)
+    return _replaced(
+        expression, (sympy.Mod,), lambda part, inner: {part: modulo(*(entry.xreplace(inner) for entry in part.args))}
+    )
 
 
 def real(expression: Any) -> Any:
     """Return the expression with re, im and conjugate evaluated, given that all its functions and parameters are real.
 
-    All quantities of a statement are real, but SymPy's functions of time are not: it turns Abs(exp(x(t))) into
+    All quantities of a statement are real, but SymPy's functions of time are not. SymPy turns Abs(exp(x(t))) into
     exp(re(x(t))), and differentiates Abs(x(t)) to a formula in re(x(t)) and im(x(t)).
     """
-    if not expression.has(*_PARTS):
+    return _replaced(expression, (sympy.re, sympy.im, sympy.conjugate), _real_values)
+
+
+def _real_values(part: Any, inner: dict[Any, Any]) -> dict[Any, Any]:
+    """Return {part: value} of a real or imaginary part or conjugate. The value uses real symbols for all functions."""
+    inside = part.xreplace(inner)
+    names = [*inside.atoms(AppliedUndef, sympy.Derivative), *inside.free_symbols]
+    dummies = {name: sympy.Dummy(real=True) for name in sorted(names, key=str) if not name.is_real}
+    value = inside.xreplace(dummies).xreplace({dummy: name for name, dummy in dummies.items()})
+    return {inside: value, part: value}
+
+
+def _replaced(expression: Any, classes: tuple[Any, ...], values: Callable[[Any, dict[Any, Any]], Any]) -> Any:
+    """Return the expression with each subexpression of one of the SymPy `classes` replaced by its value.
+
+    `values(subexpression, inner)` returns {subexpression: value}, where `inner` has the values of those inside it.
+    """
+    if not expression.has(*classes):
         return expression
-    parts = sorted(expression.atoms(*_PARTS), key=lambda part: (sympy.count_ops(part), str(part)))
     replacements: dict[Any, Any] = {}
-    for part in parts:  # inner ones first: the outer ones contain them
-        inside = part.xreplace(replacements)
-        names = [*inside.atoms(AppliedUndef, sympy.Derivative), *inside.free_symbols]
-        stand_ins = {name: sympy.Dummy(real=True) for name in sorted(names, key=str) if not name.is_real}
-        back = {symbol: name for name, symbol in stand_ins.items()}
-        replacements[inside] = replacements[part] = inside.xreplace(stand_ins).xreplace(back)
+    for part in sorted(expression.atoms(*classes), key=lambda part: (sympy.count_ops(part), str(part))):
+        replacements |= values(part, replacements)
     return _differentiated(expression.xreplace(replacements))

@@ -35,14 +35,15 @@ class Survey:
     velocities: dict[Any, None] = field(default_factory=dict)
     parameters: dict[Any, None] = field(default_factory=dict)
     multipliers: dict[str, None] = field(default_factory=dict)
-    given: dict[Any, int] = field(default_factory=dict)  # given functions of time, with their highest derivatives
-    unknown: dict[Any, None] = field(default_factory=dict)  # undefined functions of anything but time
+    given: dict[Any, int] = field(default_factory=dict)
+    unknown: dict[Any, None] = field(default_factory=dict)
     seen: set[Any] = field(default_factory=set)
 
     def add(self, expression: Any, what: str, *, accelerations: bool = False, multipliers: bool = False) -> None:
         """Collect the symbols of an expression. Raises StatementError for functions that have no derivative or value.
 
-        `what` is the name of the expression in messages. Accelerations and multipliers are refused without their flags.
+        `what` is the name of the expression in messages. `accelerations` and `multipliers` are true if the expression
+        may contain these; else they are refused.
         """
         for node in _distinct(expression, self.seen):
             if isinstance(node, sympy.Symbol):
@@ -315,8 +316,7 @@ def check_rate(name: str, by_name: Container[str], what: str) -> None:
         kind = "velocity" if rate == "dot" else "acceleration"
         raise StatementError(
             f"{what} {name} has the name of {'a' if rate == 'dot' else 'an'} {kind}: write {base}.{rate} for the "
-            f"{kind}, or "
-            f"rename the {what}."
+            f"{kind}, or rename the {what}."
         )
 
 

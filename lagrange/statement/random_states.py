@@ -1,4 +1,4 @@
-"""Random states, times and parameters, at which formulas are tested; projection of states onto constraints.
+"""Draw random states, times and parameters, at which formulas are tested. Project states onto constraints.
 
 The samples have typical magnitudes, so that terms of the equations rarely vanish or dominate.
 """
@@ -21,7 +21,7 @@ from lagrange.statement.expression import parts_first
 from lagrange.statement.statement import Statement
 
 ORDINARY = math.log(300.0)
-"""Natural logarithm of the largest magnitude that counts as 1. Samples of order one suit 1/300 to 300."""
+"""Natural logarithm of the largest magnitude that counts as 1. Samples of order one suit magnitudes of 1/300 to 300."""
 
 EXTREME = math.log(1e100)
 """Natural logarithm of the largest magnitude. Magnitudes stay within 1e-100 and 1e100, so that their squares are
@@ -84,9 +84,9 @@ class Scales:
         solution = _Solution(rows)
         for k, value in enumerate(start):
             if value:
-                solution.settle(k, math.log(abs(value)))
+                solution.determine(k, math.log(abs(value)))
         for k in self._index.values():
-            solution.settle(k, 0.0)
+            solution.determine(k, 0.0)
         bounded = (max(-EXTREME, min(EXTREME, solution.sizes[k])) for k in self._index.values())
         return tuple(1.0 if abs(size) <= ORDINARY else math.exp(size) for size in bounded)
 
@@ -151,9 +151,9 @@ class _Solution:
         for powers, unit in rows:
             if len(powers) == 1:
                 for unknown, power in powers.items():
-                    self.settle(unknown, -unit / power)
+                    self.determine(unknown, -unit / power)
 
-    def settle(self, unknown: int, size: float) -> None:
+    def determine(self, unknown: int, size: float) -> None:
         """Set the logarithm of an unknown to `size` unless it is known. Compute the unknowns that follow from it."""
         if unknown in self.sizes:
             return
@@ -252,7 +252,7 @@ class Sampler:
         self._initial = (statement.initial[:n], statement.initial[n:])
 
     def point(self, kind: SampleKind, attempt: int = 0) -> SamplePoint:
-        """Return a random point of a kind. `attempt` is the number of the attempt, from 0.
+        """Return a random point of a kind. `attempt` counts the attempts from 0.
 
         Points near the initial state get ten times closer to it after each four attempts.
         """
@@ -289,7 +289,7 @@ class Sampler:
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return q and v of a random state. An entry with the move (x, r, s) is x + s r.
 
-        `moves` has the moves of q and those of v. Each of the `scales` (2n,) that is not 1 replaces s of its entry.
+        `moves` has the moves of q and the moves of v. Each of the `scales` (2n,) that is not 1 replaces s of its entry.
         """
         every = zip([*moves[0], *moves[1]], scales, strict=True)
         state = tuple(entry + (size if scale == 1.0 else scale) * x for (entry, x, size), scale in every)
@@ -371,7 +371,7 @@ def holds(samples: Iterable[Point], judge: Callable[[Point], bool | None], count
 
 
 CORRECTIONS = 40
-"""Largest number of Newton corrections of a state. Near the constraints each doubles the correct digits."""
+"""Largest number of Newton corrections of a state. Near the constraints each correction doubles the correct digits."""
 
 Numbers = list[Any]
 
@@ -387,8 +387,8 @@ def onto_constraints(
 
     `residuals_at(level, q, v)` returns residuals (m,) and the rows of their gradient (m, n). At level 0 these are
     residuals of the coordinates, which are moved first, and at level 1 of the velocities. `solve` solves m linear
-    equations. The last correction is at most `tolerance`, relative to 1 or to the entries. Exceptions of the two
-    functions are passed on.
+    equations. The last correction changes an entry x by at most `tolerance` (1 + |x|). Exceptions of the two
+    callables are passed on.
     """
     state = [q, v]
     for level in (0, 1):

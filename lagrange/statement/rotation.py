@@ -186,10 +186,11 @@ def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: s
 
     Keys of `state` are coordinates, velocities, rotations R, and rates such as R.body or R.body[2]. The value of a
     rotation is a quaternion or a rotation matrix. The value of R.body or R.space is three numbers or expressions, and
-    of any other key one. `values` has the present values of all coordinates and velocities. A turned rotation without
-    rates in `state` keeps its rates about the axes of the body. Rates about axes that are not in `state` stay, if
-    others about the same axes are. `table` names the table in messages. Raises StatementError for a value that is not a
-    rotation, for rates about the axes of both body and space, and for a rotation given both whole and by entries.
+    the value of any other key is one. `values` has the present values of all coordinates and velocities. A turned
+    rotation without rates in `state` keeps its rates about the axes of the body. If `state` has one or two rates about
+    the axes of body or space, the others about these axes stay. `table` names the table in messages. Raises
+    StatementError for a value that is not a rotation, for rates about the axes of both body and space, and for a
+    rotation given both whole and by entries.
     """
     plain, rates = split_rates(state, values, table)
     kind = {"initial": "the start", "the reset": "the reset"}.get(table, "the attitude")
@@ -295,9 +296,9 @@ def split_rates(
 
 
 STRETCH = 1e-4
-"""Largest deviation from one of the length of a quaternion at a start, and largest share of its velocity along itself.
+"""Tolerance for the length of a quaternion at a start, and for the share of its velocity that changes the length.
 
-A long run at loose tolerances ends with a deviation of 1e-5.
+The length is one. At the end of a long run at loose tolerances it differs from one by 1e-5.
 """
 
 
@@ -523,7 +524,7 @@ def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[st
 
     Without this inertia the mass matrix would be singular, since R and its rates do not depend on the length. The added
     term is M (q . q')^2 / (2 q . q), where M is four times the mean moment of inertia. So the mass matrix is as well
-    conditioned as one in the rates. Other coordinates in M are replaced by one. An energy that already has the term is
+    conditioned as that of the rates. Other coordinates in M are replaced by one. An energy that already has the term is
     not changed. Raises StatementError for a rotation without inertia, and for an incomplete quaternion.
     """
     rotations = _rotations_of(tuple(coordinates))
@@ -584,7 +585,8 @@ def inertia_in_parameters(kinetic: Any, name: str) -> list[list[Any]] | None:
 def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
     """Raise StatementError if the moments of inertia of the rotation `name` break the triangle inequality.
 
-    They follow from the kinetic energy with the parameters' `values`. If a value is missing, nothing is checked.
+    The moments follow from `kinetic`, the kinetic energy, with the parameters' `values`. If a value is missing, nothing
+    is checked.
     """
     rows = inertia_in_parameters(kinetic, name)
     if rows is None or any(entry.free_symbols.difference(values) for row in rows for entry in row):

@@ -20,7 +20,7 @@ from lagrange.statement.statement import Statement
 DEGREE = 3
 """Degree of the polynomial that replaces a function without values while the structure of the equations is analysed."""
 EXTRA_ORDERS = 2
-"""Number of derivatives of an input beyond the highest one in the statement. Equations have no higher ones."""
+"""Number of derivatives of an input beyond the highest one in the statement. Equations contain none of higher order."""
 
 
 def given(name: str, values: Any = None) -> Any:
@@ -83,10 +83,10 @@ def coordinate_or_given(name: str, coordinates: Sequence[str]) -> str:
 
 
 def check_given(survey: Survey, coordinates: Mapping[str, Any]) -> None:
-    """Raise StatementError for a function of time that is neither one of the `coordinates` nor a given function.
+    """Raise StatementError for a function of time that is neither a coordinate nor a given function.
 
-    It is also raised for given functions whose name is taken, or whose tables have no time in common. `coordinates` are
-    by name, and `survey` has the functions of the statement.
+    The error is also raised for given functions whose name is taken, or whose tables have no time in common.
+    `coordinates` maps names to coordinates, and `survey` has the functions of the statement.
     """
     if undeclared := [q for q in survey.coordinates if coordinates.get(name_of(q)) != q]:
         raise StatementError(coordinate_or_given(name_of(undeclared[0]), [*coordinates]))
@@ -118,9 +118,10 @@ def with_values(statement: Statement) -> Statement:
 
 
 def with_inputs(statement: Statement) -> Statement:
-    """Return the statement with given functions replaced by their values, or without values by inputs X, X_dot, ...
+    """Return the statement with given functions replaced by their values. Functions without values become inputs.
 
-    An input is a parameter whose value changes along a motion. The time derivative of each input is the next one.
+    An input is a parameter whose value changes along a motion. A function X gives the inputs X, X_dot, X_ddot, ...;
+    the time derivative of each input is the next one.
     """
     rates: dict[Any, Any] = {}
 
@@ -140,8 +141,8 @@ def _put_in(
     """Return the statement with given functions replaced by their values, and undefined functions by polynomials.
 
     For a given function without values, `open_values(function)` returns a callable that maps an order to the expression
-    that replaces the derivative of this order. It adds the new symbols of these expressions to `symbols`. They become
-    the last parameters.
+    that replaces the derivative of this order. The callable adds new symbols of these expressions to `symbols`, which
+    become the last parameters.
     """
     if statement.prescribed or not (statement.given or statement.unknown):
         return statement

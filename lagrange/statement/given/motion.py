@@ -25,7 +25,7 @@ method `taylor` ends a step at each of them."""
 
 OVERHANG = 1e-3
 """Extension of the outer cubics beyond the ends of a table, as a fraction of the outer intervals. Rounding and finite
-differences at an end lead to such arguments."""
+differences at an end lead to arguments just outside it."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def table(argument: Any, points: Any, values: Any) -> Any:
 
 
 _LATEST: deque[TabulatedFunction] = deque(maxlen=256)
-"""Tables that were created last. A spline does not show all numbers of its table exactly, so tables are found here."""
+"""Tables that were created last. The numbers of a table cannot be recovered exactly from its spline."""
 
 
 def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:
@@ -148,7 +148,7 @@ def spline(table: TabulatedFunction, order: int, variable: Any) -> Any:
 def table_range(node: Any) -> tuple[Any, float, float] | None:
     """Return (argument, lower end, upper end) of the range in which a table's spline or its derivative is defined.
 
-    Returns None if the expression `node` is neither.
+    Returns None if the expression `node` is not a spline or the derivative of one.
     """
     conditions = node.args[0].cond.args if isinstance(node, sympy.Piecewise) and len(node.args) == 1 else ()
     ends = {type(part): part for part in conditions}

@@ -1,6 +1,6 @@
-"""Limits that protect SymPy from expressions of untrusted files: length, numbers, powers, comparisons, number of parts.
+"""Refuse expressions of untrusted files that would overload SymPy: long texts and numbers, large powers, many parts.
 
-It also divides the text of an expression into tokens, and refuses characters and words that are not allowed.
+This module also divides the text of an expression into tokens, and refuses characters and words that are not allowed.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ FEW_PARTS, MANY_SHARED, MOST_PARTS = 100_000, 1_000, 5_000_000
 the largest number.
 
 A shared part counts each time it occurs, since SymPy visits it each time, in 2 us. A file of 12 KB could otherwise keep
-SymPy busy for ever. 500 links in Cartesian coordinates share 800 times.
+SymPy busy for ever. An energy of 500 links in Cartesian coordinates has 800 parts for each distinct part.
 """
 
 _COMPARING = (sympy.Abs, sympy.sign, sympy.Min, sympy.Max, sympy.Heaviside, sympy.sinc, sympy.erf)

@@ -13,7 +13,7 @@ from lagrange.statement.scene.toml_document import Document
 from lagrange.statement.statement import Statement
 
 LIBRARY = Path(__file__).resolve().parents[2] / "scenes"
-LONGEST_FILE_NAME = 255  # Length in bytes from which an operating system does not search for a file
+LONGEST_FILE_NAME = 255  # Length in bytes of names that are too long for a file of the operating system
 
 
 @dataclass(frozen=True)
