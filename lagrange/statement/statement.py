@@ -73,15 +73,15 @@ class Statement:
 
     - `constraints` are expressions that stay zero. `redundant` refuses or allows constraints that follow from others.
     - `defaults` lacks the parameters without a value.
-    - `dimensions` are by coordinate, parameter and t, as far as stated or derived from stated ones; it may be empty.
+    - `dimensions` maps coordinates, parameters and t to their dimensions, if these are stated or follow from others.
     - `given` are given functions of time, and `orders` the order of the highest derivative of each.
     - `unknown` are undefined functions of coordinates, such as U(r).
     - `prescribed` pairs each given function and derivative with the values that replaced it, and `open_form` is the
       statement before this replacement. Without a replacement they are empty and None.
     - `inputs` pairs each input, a parameter whose value changes, with its rate, which is an input too or None. Inputs
       are the last parameters.
-    - `contacts` are gaps that stay positive, and `simultaneous` the law of impacts at one instant, or "".
-    - `surfaces` are moving points by name; each runs along a line or a curve as `along` grows from 0 to 1.
+    - `contacts` have gaps that stay positive. `simultaneous` is the model of several impacts at one instant, or "".
+    - `surfaces` are moving points by name. Each point moves along a line or a curve as `along` grows from 0 to 1.
     - `rotations` are the names of rotations, whose quaternions are among the coordinates. `reading` is the same
       statement for derivations: three small rotations about the axes of each body replace its quaternion and are the
       last coordinates, and `entries` has the nine functions R_xx(t) to R_zz(t) of each rotation.

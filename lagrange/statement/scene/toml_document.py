@@ -186,9 +186,9 @@ class Document:
     def refuse(self, reason: str, *path: str | int, column: int | None = None, key: bool = False) -> NoReturn:
         """Raise a SceneError with the message `reason`, located at the value at `path`.
 
-        If `key` is true, it is located at the key of this value. If the file has no such value, it is located at the
-        nearest table around it. `column` is the number of a character in the text at `path`, from 1, at which it is
-        then located.
+        If `key` is true, the error is located at the key of this value. If the file has no such value, the error is
+        located at the nearest table around it. With `column`, the error is located at this character, counted from 1,
+        of the text at `path`.
         """
         keys, values = self._places
         offset = 0

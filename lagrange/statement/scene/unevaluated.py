@@ -1,7 +1,7 @@
 """Read the unevaluated expressions of scene files that programs write: SymPy objects exactly as the text states them.
 
-They are not expanded and not sorted, so that a system is read back symbol for symbol. Besides, SymPy might take too
-long to evaluate an expression from an untrusted file.
+The expressions are not expanded and not sorted, so that a system is read back symbol for symbol. Besides, SymPy might
+take too long to evaluate an expression from an untrusted file.
 """
 
 from __future__ import annotations

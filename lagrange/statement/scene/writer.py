@@ -35,8 +35,8 @@ SHARED = 40  # Least number of characters of a part that gets a definition becau
 LONG_PART = 400  # Largest number of characters of a part inside another one. A longer part gets a definition.
 
 DEEP = 12
-"""Largest number of nested levels of a part. A deeper part gets a definition. Each level is read as four levels at
-most, and the reader allows `expressions.DEEPEST_NESTING`."""
+"""Largest number of nested levels of a part. A deeper part gets a definition. The reader counts up to four levels for
+each of them, and allows `expressions.DEEPEST_NESTING` levels."""
 
 IF, TERM, FACTOR, BASE, ATOM = range(5)
 """Binding strengths of the outermost operation of a text, the weakest first."""
@@ -99,7 +99,7 @@ class SharedText:
     def _counted(self, roots: Iterable[Any]) -> dict[Any, int]:
         """Return the number of occurrences of each subexpression in `roots`.
 
-        Parts of repeated ones are counted once.
+        The parts of a repeated subexpression are counted once.
         """
         uses: dict[Any, int] = {}
         todo = list(roots)
@@ -414,9 +414,9 @@ class _SceneWriter:
         }
 
     def text(self, what: str, expression: Any, shared: SharedText | None = None) -> str:
-        """Return an expression as a quoted text. `what` is its name in errors.
+        """Return an expression as a quoted text. `what` is the name of the expression in errors.
 
-        `shared` is the writer whose definitions it may use; None is the writer for the whole file.
+        `shared` is the writer whose definitions the text may use. None is the writer for the whole file.
         """
         try:
             return f"'{(shared or self.shared).text(expression)}'"
