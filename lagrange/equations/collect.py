@@ -18,7 +18,7 @@ LARGEST_DEGREE = 5000
 searched. The search uses integers with about as many digits as this product.
 """
 LONGEST_SUM = 6  # Largest number of terms of a sum in parentheses that is expanded, or used as a divisor, on trial
-HIGHEST = 3  # Largest difference of the powers of such a sum in terms that are merged
+HIGHEST = 3  # Largest difference of the powers of a sum in parentheses in terms that are merged
 
 
 def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
@@ -43,7 +43,7 @@ def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, Mono
 def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
     """Return the sums that every common factor of numerator `above` and denominator `below` must divide.
 
-    They are the coefficients of `above` as a polynomial in the factors that do not occur in `below`.
+    These sums are the coefficients of `above` as a polynomial in the factors that do not occur in `below`.
     """
     common = {k for monomial in below for k, _ in monomial}
     parts: dict[Monomial, MonomialSum] = {}
@@ -87,10 +87,7 @@ def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
         exponent = dict(monomial).get(k, 0)
         rest = tuple(pair for pair in monomial if pair[0] != k and algebra.factors[pair[0]] not in inside)
         groups.setdefault((rest, exponent - int(exponent // 1)), {})[monomial] = number
-    result: MonomialSum = {}
-    for group in groups.values():
-        result = algebra.add(result, _shorter(algebra, group, k))
-    return result
+    return algebra.add({}, *(_shorter(algebra, group, k) for group in groups.values()))
 
 
 def _shorter(algebra: Algebra, group: MonomialSum, k: int) -> MonomialSum:
@@ -271,7 +268,7 @@ class SumWriter:
     def _coefficient(self, terms: MonomialSum) -> tuple[Any, Any, Any]:
         """Return SymPy expressions (number, monomial, rest) whose product is the sum.
 
-        They are to be multiplied in one call. Otherwise SymPy distributes the number over the sum.
+        The caller multiplies all three in one call. Otherwise SymPy distributes the number over the sum.
         """
         number, monomial, rest = common_factor(terms)
         written = self._factor(rest)

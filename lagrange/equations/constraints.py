@@ -98,7 +98,7 @@ def empty_constraint(name: str, value: float, size_of_terms: float) -> str:
         )
     return (
         f"the constraint {name!r} is never true: no coordinate and no velocity changes its value, which is {value:.6g} "
-        "where it was tried. Look for what was meant in it, or leave it out."
+        "where it was tried. Correct the constraint, or leave it out."
     )
 
 

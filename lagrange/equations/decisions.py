@@ -220,8 +220,8 @@ class Decisions:
     def power_seen(self) -> Verdict:
         """True if the rate of the energy is zero, False if it is not, None if that is not known without algebra.
 
-        It is zero if there are no forces and no dissipation, and L does not contain the time. It is not zero if its
-        value at a random state is not zero. With constraints that do no work, the state must satisfy them.
+        The rate is zero if there are no forces and no dissipation, and L does not contain the time. It is not zero if
+        its value at a random state is not zero. With constraints that do no work, the state must satisfy them.
         """
         laws = self.laws
         if self._forceless and not _depends_on(laws.lagrangian, [laws.time]):
@@ -310,8 +310,8 @@ class Decisions:
     ) -> Verdict:
         """Return True if a property is proven, False if it is disproven, None if it is undecided.
 
-        It is proven if `absent` is true, or if `proof` succeeds within the budget. It is disproven if `number` returns
-        True at a random state, which is a counterexample.
+        The property is proven if `absent` is true, or if the callable `proof` returns True within the budget. The
+        property is disproven if the callable `number` returns True at a random state, which is a counterexample.
         """
         if absent:
             return True

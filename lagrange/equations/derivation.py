@@ -331,7 +331,7 @@ class Derivation:
     def _keeps_its_sum(self) -> bool:
         """True if the energy is shown as the stated sum T + V, because L is short and this sum equals v . p - L.
 
-        They are equal if every term of T has degree two in the velocities and V contains no velocities.
+        This is so if every term of T has degree two in the velocities and V contains no velocities.
         """
         scale = Dummy("scale", positive=True)
         stretched = {v: scale * v for v in self.statement.velocities}
@@ -356,7 +356,7 @@ class Derivation:
         """Return expressions by coordinate, each collected or as stated, whichever is shorter and has no kink.
 
         `parts` returns the expressions from sums of monomials, and `as_stated` the same without expanding L. `label` is
-        their name in messages.
+        the name of the expressions in messages.
         """
         collected = self._each(label, parts)
         if not self._is_short:
@@ -394,7 +394,7 @@ def too_large(statement: Statement, what: str = ACCELERATIONS) -> StatementError
 
 
 def _shorter(collected: Any, stated: Any) -> Any:
-    """Return the form with fewer operations or, if these are equal, with fewer terms; `collected` if both are equal."""
+    """Return `stated` if it has fewer operations, or as many operations and fewer terms. Else return `collected`."""
     return stated if _length(stated) < _length(collected) else collected
 
 

@@ -34,8 +34,8 @@ def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
 
 
 LEAST_REFUSED_BLOCK = 12
-"""Smallest block without zeros that is refused at once. Its nested cofactors have at least n 2**(n - 1) operations,
-24,000."""
+"""Least size n of a block without zeros that is refused at once. Its nested cofactors have at least n 2**(n - 1)
+operations, 24,000."""
 
 
 def has_large_block(nonzero: Sequence[Sequence[bool]]) -> bool:
@@ -52,7 +52,7 @@ def expanded_cofactors(
 ) -> tuple[list[MonomialSum], MonomialSum]:
     """Return the numerators of the solution x of matrix * x = bias, and their denominator, the determinant.
 
-    They are sums of monomials, multiplied out and merged.
+    Numerators and denominator are sums of monomials, multiplied out and merged.
     """
     n = len(matrix)
     others = [tuple(k for k in range(n) if k != i) for i in range(n)]
@@ -85,7 +85,7 @@ def _minor(
 def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
     """Return True if the determinant of a matrix is zero at a generic point.
 
-    It is computed in 50 digits and 10 more for each further row, since a chain of 24 links has a determinant of 1e-30.
+    The determinant is computed in 40 digits and 10 more for each row, since that of a chain of 24 links is 1e-30.
     """
     digits = 40 + 10 * len(matrix)
     point = distinct_values(sorted(sympy.Tuple(*(entry for row in matrix for entry in row)).free_symbols, key=str))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache, reduce
+from itertools import starmap
 from math import gcd, lcm, prod
 from typing import Any
 
@@ -12,7 +13,7 @@ import sympy
 from sympy import Add, Expr, Function, Mul, Pow, Rational, S
 
 Monomial = tuple[tuple[int, Any], ...]
-"""Pairs (number of a factor, exponent), sorted by number. Exponents are int or Rational."""
+"""Product of powers: pairs (index of a factor, exponent), sorted by index. Exponents are int or Rational."""
 
 MonomialSum = dict[Monomial, Any]  # A sum: {monomial: SymPy number}
 
@@ -20,7 +21,7 @@ ONE: Monomial = ()
 
 
 def raise_power(powers: dict[int, Any], factor: int, exponent: Any) -> None:
-    """Multiply a monomial {factor: exponent} by a power of a factor, in place. Whole exponents are ints."""
+    """Multiply a monomial {index of a factor: exponent} by one more power of `factor`, an index, in place."""
     total = powers.get(factor, 0) + exponent
     if total == 0:
         del powers[factor]
@@ -74,7 +75,7 @@ class TooLargeError(Exception):
 
 
 class Magnitude(Function):
-    """Function |x| of a real x, whose derivative is sign(x). SymPy's Abs has one in re(x), unless x is known real."""
+    """Function |x| of a real x, with the derivative sign(x). That of SymPy's Abs has re(x), unless x is known real."""
 
     is_real = True
 
@@ -237,18 +238,18 @@ class Algebra:
 
     def unfold(self, terms: MonomialSum) -> MonomialSum:
         """Return the sum with whole positive powers of short sums in parentheses expanded."""
-        result: MonomialSum = {}
-        for monomial, number in terms.items():
+
+        def unfolded(monomial: Monomial, number: Any) -> MonomialSum:
             sums = [(k, e) for k, e in monomial if isinstance(e, int) and e > 0 and self.factors[k].is_Add]
-            width = prod(len(self.factors[k].args) ** e for k, e in sums)
-            if width > SHORT_PRODUCT:
+            if prod(len(self.factors[k].args) ** e for k, e in sums) > SHORT_PRODUCT:
                 sums = []
             product: MonomialSum = {tuple(factor for factor in monomial if factor not in sums): number}
             for k, e in sums:
                 for _ in range(e):
                     product = self.multiply(product, self.read(self.factors[k]))
-            result = self.add(result, product)
-        return result
+            return product
+
+        return self.add({}, *starmap(unfolded, terms.items()))
 
     def merge_angles(self, terms: MonomialSum) -> MonomialSum:
         """Return the sum simplified by sin^2 + cos^2 = 1 and the addition theorems.

@@ -1,6 +1,6 @@
-"""Textbook derivation as sums of monomials, from energies to accelerations; proofs that a sum is zero; limits of size.
+"""Derive equations of motion as in a textbook, as sums of monomials, and prove that such a sum is zero.
 
-Above these limits formulas are not multiplied out, or are refused.
+This module also has the limits of size above which formulas are not multiplied out, or are refused.
 
 A sum is proven zero for all values of its symbols as follows. Roots and quotients are multiplied out. Sines and cosines
 of sums and multiples are expanded to sines and cosines of their smallest parts. Even powers of sines are written in
@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
+from itertools import starmap
 from math import gcd, lcm
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -31,9 +32,9 @@ from lagrange.equations.solve_plan import (
 from lagrange.equations.terms import (
     ONE,
     Algebra,
+    Monomial,
     MonomialSum,
     TooLargeError,
-    accumulate,
     differentiable,
     printable,
 )
@@ -199,8 +200,8 @@ BUDGET = 300_000
 EXPANDED_BLOCK = 3
 """Largest number of coupled coordinates whose accelerations are solved with expanded and merged determinants."""
 EXPANDED_WITH_MULTIPLIERS = 6
-"""Largest number of coupled accelerations and multipliers solved in this way. Half of their matrix is zero, and other
-terms often cancel. Two masses on two rods, six unknowns, take 0.3 s, with formulas a third as long as nested ones."""
+"""Largest number of coupled accelerations and multipliers that are solved like this. Half of their matrix is zero, and
+other terms often cancel. Two masses on two rods, six unknowns, take 0.3 s; nested formulas are three times as long."""
 EXPANDED_TERMS = 10_000
 """Largest number of monomials of an expanded solution, which take 0.1 s. Longer formulas stay nested. Three links need
 2,000."""
@@ -370,7 +371,7 @@ class TextbookAlgebra(StatedAlgebra):
                 if not determinant:
                     raise self.singular(block)
                 return [self.finish(self.collector.quotient(terms, determinant)) for terms in above]
-        # If they are too long, cofactors stay products of nested minors.
+        # Cofactors that are too long stay products of nested minors.
         entries = [[self.collector.write(entry) for entry in row] for row in matrix]
         right = [self.collector.write(entry) for entry in bias]
         if vanishes(entries):
@@ -466,21 +467,19 @@ def _cleared(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
         for k, e in monomial:
             if algebra.factors[k].is_Add or isinstance(algebra.factors[k], _COMPOSITE):
                 lowest[k] = min(lowest.get(k, 0), e)
-    cleared: MonomialSum = {}
-    for monomial, number in terms.items():
+
+    def cleared(monomial: Monomial, number: Any) -> MonomialSum:
         powers = dict(monomial)
-        product: MonomialSum = {
-            tuple((k, e) for k, e in monomial if k not in lowest): number,
-        }
+        product: MonomialSum = {tuple((k, e) for k, e in monomial if k not in lowest): number}
         for k, least in lowest.items():
             total = powers.get(k, 0) - least
             whole = int(total // 1)
             if total != whole:
                 product = algebra.multiply(product, {((k, Rational(total) - whole),): S.One})
             product = _times(algebra, product, k, whole)
-        for new, value in product.items():
-            accumulate(cleared, new, value)
-    return cleared
+        return product
+
+    return algebra.add({}, *starmap(cleared, terms.items()))
 
 
 def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> MonomialSum:
@@ -505,17 +504,17 @@ def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
     table = {k: new for k, new in table.items() if new != algebra.factors[k]}
     if not table:
         return terms
-    result: MonomialSum = {}
-    for monomial, number in terms.items():
+
+    def expanded(monomial: Monomial, number: Any) -> MonomialSum:
         product: MonomialSum = {tuple(factor for factor in monomial if factor[0] not in table): number}
         for k, e in monomial:
             if k in table:
                 above, below = table[k].as_numer_denom()
                 for part, power in ((above, e), (below, -e)):
                     product = algebra.multiply(product, algebra.read(part**power))
-        for new, value in product.items():
-            accumulate(result, new, value)
-    return result
+        return product
+
+    return algebra.add({}, *starmap(expanded, terms.items()))
 
 
 def _units(arguments: list[Any]) -> dict[Any, Any]:
@@ -559,8 +558,8 @@ def _expanded(algebra: Algebra, function: Any, units: dict[Any, Any]) -> Any:
 
 def _polynomial(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
     """Return the sum with even powers of sines written in cosines, and of hyperbolic cosines in hyperbolic sines."""
-    result: MonomialSum = {}
-    for monomial, number in terms.items():
+
+    def reduced(monomial: Monomial, number: Any) -> MonomialSum:
         product: MonomialSum = {ONE: number}
         for k, e in monomial:
             factor = algebra.factors[k]
@@ -574,6 +573,6 @@ def _polynomial(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
                 product = algebra.multiply(product, square)
             if e % 2:
                 product = algebra.multiply(product, {((k, 1),): S.One})
-        for new, value in product.items():
-            accumulate(result, new, value)
-    return result
+        return product
+
+    return algebra.add({}, *starmap(reduced, terms.items()))

@@ -58,9 +58,8 @@ All entries of a chain of 10 links in relative angles are compared at 5 points: 
 """
 
 SMALL_ENTRY = 1e-12
-"""Fraction of the largest coordinate, or velocity. In a random direction, smaller entries get the weight of the
-largest.
-"""
+"""Threshold for small coordinates and velocities, as a fraction of the largest one. In a random direction, an entry
+below it gets the weight of the largest."""
 
 MOST_CHECKED_POINTS = 10_000
 """Largest number of points of one check."""
@@ -413,7 +412,7 @@ def _textbook(system: Stated, model: Model) -> tuple[Textbook | None, tuple[str,
         return None, (f"not compared with the textbook derivation, {limit}",)
     derivation, equations = system.derivation(), model.equations
     try:
-        # The graph tells sooner than the derivation whether the mass matrix is too large.
+        # The graph shows sooner than the derivation that a mass matrix is too large.
         nonzero = [[entry is not equations.graph.zero for entry in row] for row in equations.mass]
         if system.statement.reading is None and has_large_block(nonzero):
             raise too_large(system.statement)

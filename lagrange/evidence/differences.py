@@ -75,7 +75,7 @@ class Terms:
 def terms_of(statement: Statement, lagrangian: Precise, loads: Precise, digits: int) -> Terms:
     """Return programs for the terms of L and D that contain each coordinate or velocity.
 
-    `lagrangian` computes L, and the last result of `loads` is D. For few coordinates all programs are one of these two.
+    `lagrangian` computes L, and the last result of `loads` is D. For few coordinates each program is one of these two.
     `digits` is the precision of the programs.
     """
     n, width = len(statement.coordinates), len(statement.state_names)
@@ -134,7 +134,7 @@ Nudge = Callable[[str, int], Any]
 
 
 def exactly(_name: str, _index: int) -> int:
-    """Return 1: the factor of each term in a computation without random factors in place of rounding errors."""
+    """Return 1, the factor of a term in a computation that does not model rounding errors by random factors."""
     return 1
 
 

@@ -12,10 +12,10 @@ from lagrange.statement.random_states import SamplePoint, holds, random_points
 from lagrange.statement.statement import Statement
 
 PLACES = 2
-"""Number of random states at which a formula is compared. A wrong formula agrees at one only by chance."""
+"""Number of random states at which a formula is compared. A wrong formula agrees at a state only by chance."""
 
 LARGEST_ERROR = 1e-8
-"""Largest difference, relative to the largest number. Cancellation costs some digits, a wrong term all."""
+"""Largest accepted difference, relative to the largest number. Cancellation makes correct formulas differ by less."""
 
 
 Values = Callable[[SamplePoint], tuple[Sequence[float], Sequence[complex]]]

@@ -1,9 +1,9 @@
 """Compute reference values of all compiled quantities by differences of the stated energies, for `check`.
 
-The size is measured. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), and the equations are
-differenced again. The change of an entry, divided by 1e-20, is its *size*: about the sum of the magnitudes of its
-terms. Errors are relative to the size. Division by the entry itself would reject cancellation (1 - cos x near 0), and
-division by the largest entry would miss a wrong small one.
+Errors are relative to the *size* of an entry: about the sum of the magnitudes of its terms. The size is measured. Every
+intermediate number of L, Q and D gets its own factor 1 + O(1e-20), and the equations are differenced again. The change
+of an entry, divided by 1e-20, is its size. Division by the entry itself would reject cancellation (1 - cos x near 0),
+and division by the largest entry would miss a wrong small one.
 """
 
 from __future__ import annotations
@@ -43,21 +43,22 @@ PERTURBED_COPIES = 2
 """Number of perturbed copies. One sum with random signs may be small by chance, but hardly ever two."""
 
 SINGULAR = 2.0**-42
-"""Pivot, relative to its row, below which a mass matrix counts as singular.
+"""Smallest pivot of a mass matrix that is not singular, relative to the largest entry in the row of the pivot.
 
-At this pivot, four digits of the accelerations are right in double precision. The limit of compiled code may be
+At this pivot, four digits of the accelerations are correct in double precision. The limit of compiled code may be
 slightly lower.
 """
 
 LEAST_STEP_SIZE = 1e-20
-"""Smallest size of a coordinate or velocity, relative to the largest, to which its step is proportional.
+"""Least ratio of difference steps: of an entry's step to the step of the largest coordinate or velocity.
 
-A projected start may have velocities of 1e-37 that are rounding: with such steps the energy keeps no digits. In a
-system with lengths and angles, sizes differ by up to 1e12 in units of length from 1e-12 to 1e12.
+A projected start may have velocities of 1e-37 that are rounding. With steps of this size the energy keeps no digits. In
+a system with lengths and angles, sizes differ by up to 1e12 in units of length from 1e-12 to 1e12.
 """
 
 ZERO_SIZE = 1e-12
-"""Size of a zero entry, relative to the largest. Second differences with steps of 1e-30 keep 30 digits."""
+"""Ratio of the step of an entry that is zero to the step of the largest coordinate or velocity. Second differences with
+steps of 1e-30 keep 30 digits."""
 
 EXPONENT_LIMIT = 450
 """Largest binary exponent of an intermediate value. Its square, as in derivatives, still fits into a double."""
@@ -142,9 +143,10 @@ class Reference:
         return {**entries, "rhs": velocities + entries["accelerations"], "jacobian": jacobian}
 
     def work(self) -> tuple[int, int, int]:
-        """Return estimated times of one point: without the Jacobian, of one column of it, and for a direction instead.
+        """Return estimated times of the check at one point, in units of 0.2 us, from the statement alone.
 
-        The unit is 0.2 us. The estimates depend only on the statement.
+        The first is without the Jacobian, the second is that of one column of the Jacobian, and the third is that of
+        everything if a direction replaces the columns.
         """
         n, by_velocity, by_place = len(self.statement.coordinates), self.terms.by_velocity, self.terms.by_place
         column, copies = n // 2, 2 + PERTURBED_COPIES

@@ -19,7 +19,7 @@ from lagrange.trajectory.run import Flow, compiled, span_or_end, trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 DEFAULT_DIGITS = 22
-"""Decimal digits of the reference. Its errors are 1e-6 of those of doubles, and grow by the same factor."""
+"""Decimal digits of the reference. Its errors are 1e-6 times those of doubles, and grow along a run like those."""
 
 LEAST_DIGITS, GREATEST_DIGITS = 18, 200
 

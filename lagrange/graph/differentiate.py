@@ -81,7 +81,7 @@ def _push(node: Node, tangents: dict[Node, Node], domains: dict[Node, bool]) -> 
 def _push_component(node: Node, tangents: dict[Node, Node]) -> None:
     """Add the derivatives dx of the solution x of M x = b to `tangents`. `node` is one of the unknowns.
 
-    They solve M dx = db - dM x, with the same factors of M.
+    The derivatives solve M dx = db - dM x, with the same factors of M.
     """
     graph, solution = node.graph, node.args[0]
     factor, right = solution.args[0], solution.args[1:]

@@ -29,7 +29,7 @@ class NumberType:
     """Arithmetic of a number type, as functions.
 
     `number` converts a fraction. `total` adds and `product` multiplies a list. `power` takes base and exponent.
-    `choose` takes a condition and two values. `functions` are by name.
+    `choose` takes a condition and two values. `functions` maps names of functions to callables.
     """
 
     number: Callable[[Fraction], Any]
@@ -179,7 +179,7 @@ PRIME = 2**61 - 1
 
 
 def generic_rank(matrix: Sequence[Sequence[Node]]) -> int:
-    """Return the rank of a matrix of nodes at almost every point, computed modulo `PRIME` at a random one."""
+    """Return the rank of a matrix of nodes at almost every point. It is computed modulo `PRIME` at a random point."""
     nodes = [node for row in matrix for node in row]
     values = _residues(nodes)
     rows = [[values[node] for node in row] for row in matrix]

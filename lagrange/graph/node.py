@@ -67,7 +67,7 @@ class Kind(enum.Enum):
 class Node:
     """Expression in a graph, which exists only once there. Nodes are created by methods of `Graph`, never directly.
 
-    `args` are the argument nodes, `depends` has a bit for each symbol in the expression, and `id` is its index.
+    `args` are the argument nodes. `depends` has a bit for each symbol in the expression. `id` is the index of the node.
     """
 
     __slots__ = ("args", "binding", "data", "depends", "graph", "id", "kind")
@@ -100,7 +100,7 @@ class Node:
 
     def __mul__(self, other: Node | Exact | float) -> Node:
         if not isinstance(other, (Node, int, float, Rational)):
-            return NotImplemented  # So a step function may contain h * f(t, y) as well as f(t, y) * h
+            return NotImplemented  # Python then tries the product of the other class, as for h * f(t, y)
         return self.graph.product((self, self.graph.node(other)))
 
     __rmul__ = __mul__

@@ -21,8 +21,8 @@ from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 SINC_RADIUS = Fraction(1, 2)  # Largest |a| at which sinc(a) is computed by its series
 SINC_TERMS = 12
-"""Number of terms of this series. The first omitted term, a**24/25!, is 4e-33 at the radius, its fourth derivative
-1e-26."""
+"""Number of terms of the series of sinc. At |a| = `SINC_RADIUS` the first omitted term, a**24/25!, is 4e-33, and its
+fourth derivative 1e-26."""
 
 
 class Translator:

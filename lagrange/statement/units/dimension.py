@@ -19,7 +19,7 @@ from lagrange.statement.parameters import label_of
 from lagrange.statement.scene.expressions import read_expression
 
 SAME_FACTOR = 1e-9
-"""Largest difference of the natural logarithms of equal scale factors of units, which have about twelve digits."""
+"""Largest difference of the natural logarithms of two scale factors that count as equal. Factors have twelve digits."""
 
 PREFIXES = {"T": 12, "G": 9, "M": 6, "k": 3, "h": 2, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12}
 """Prefixes of units, with their powers of ten."""

@@ -1,4 +1,4 @@
-"""Check the dimensions and units of all terms of a statement and its events, and infer those that were not stated."""
+"""Check the dimensions and units of all terms of a statement and its events. Infer dimensions that were not stated."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class WrongTermError(Exception):
     """Error: a `term` of an expression has another `unit` than `expected`.
 
     `context` says where the term is: "whole" if it is the expression itself, or in a "sum", a "power" or a "function".
-    `within` is the function.
+    `within` is this function.
     """
 
     def __init__(self, term: Any, unit: UnitProduct, expected: UnitProduct, context: str, within: Any = None) -> None:
@@ -214,7 +214,7 @@ def _first_wrong(
 
 
 def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension | None:
-    """Return the dimension of an expression from the `known` ones of its symbols, or None if it is undetermined."""
+    """Return the dimension of an expression from `known`, those of its symbols, or None if it is undetermined."""
     return UnitEquations(known).dimension(expression)
 
 
@@ -253,8 +253,8 @@ def _wrong_unit(part: CheckedPart, wrong: WrongTermError, equations: UnitEquatio
 class _Checker:
     """Checker of the unit of every term: its dimension and, if `scales` is true, the scale factor.
 
-    In its methods `expected` is the required unit of an expression, or None if any is right. An undetermined unit is
-    right.
+    In its methods `expected` is the required unit of an expression, or None if any unit is accepted. An undetermined
+    unit is accepted too.
     """
 
     def __init__(self, equations: UnitEquations, scales: bool) -> None:

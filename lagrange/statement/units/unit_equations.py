@@ -28,7 +28,7 @@ class CheckedPart:
     """Expression of a statement, its name `what` in messages, and its required dimension and unit.
 
     `like` is the name of a quantity, such as "energy", or a symbol with the required dimension and unit, or None if any
-    is right. If there is a symbol `per`, the requirement is on the expression times this symbol.
+    dimension is accepted. If there is a symbol `per`, the requirement is on the expression times this symbol.
     """
 
     what: str
@@ -54,10 +54,10 @@ def number_of(exponent: Any) -> Fraction | None:
 
 
 def inner_parts(expression: Any, required: UnitProduct | None) -> Iterator[tuple[Any, UnitProduct | None]]:
-    """Yield (argument of a function or branch of a Piecewise, required unit of it or None if any is right).
+    """Yield (part, required unit) for the arguments of a function, or the branches and conditions of a Piecewise.
 
-    `required` is the required unit of the whole expression. The argument of a table is a number. Quantities that are
-    compared, such as both sides of a condition, are yielded as their difference.
+    None means that any unit is accepted. `required` is the required unit of the whole expression. The argument of a
+    table is a number. Quantities that are compared, such as both sides of a condition, are yielded as their difference.
     """
     if (table := table_range(expression)) is not None:
         yield table[0], UnitProduct()
@@ -133,7 +133,7 @@ class UnitEquations:
                 self._equate(unit, required)
 
     def required(self, part: CheckedPart) -> UnitProduct | None:
-        """Return the unit that the expression of `part` must have. None if any is right."""
+        """Return the unit that the expression of `part` must have. None if any unit is accepted."""
         if part.like is None:
             return None
         required = UnitProduct.of(named(part.like), part.like) if isinstance(part.like, str) else self.unit(part.like)

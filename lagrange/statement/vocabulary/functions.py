@@ -135,8 +135,8 @@ class Function:
 
     `partials` has one rule for each argument, which returns the derivative from the function's value and its arguments.
     min and max have no such rules, since they equal one of their two arguments. Instead `first` returns the condition
-    that the result is the first argument. They are differentiated as a choice, which ignores an infinite derivative of
-    the argument not chosen.
+    that the result is the first argument. The derivative is that of the chosen argument. So an infinite derivative of
+    the other argument has no effect.
     """
 
     name: str
