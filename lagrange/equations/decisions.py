@@ -261,7 +261,7 @@ class Decisions:
                 return None
             stated, algebra = self._stated, self._stated.algebra
             kinetic = stated.read(self.statement.kinetic)  # homogeneous if v . dT/dv = 2 T
-            slopes = [algebra.multiply(algebra.differentiate(kinetic, v), stated.symbol(v)) for v in stated.v]
+            slopes = [algebra.multiply(algebra.differentiate(kinetic, v), algebra.read(v)) for v in stated.v]
             return is_identity(algebra, algebra.add(algebra.scale(kinetic, sympy.Integer(-2)), *slopes)) or None
         except (TooLargeError, RecursionError):
             return None

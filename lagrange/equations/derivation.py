@@ -116,6 +116,8 @@ NAMED = 8  # Largest number of coordinates that a message names
 
 ACCELERATIONS = "the solved accelerations"
 
+TABLE_LETTER = "S"  # Letter of a table. Several tables are S1, S2, ...
+
 
 def derive(statement: Statement, positive: Collection[str] = ()) -> Derivation:
     """Return the derivation of the statement's equations of motion. Each part is computed when it is first used.
@@ -143,8 +145,30 @@ class Derivation:
 
     def with_named_tables(self) -> tuple[Derivation, tuple[str, ...]]:
         """Return the derivation with each table of values written as S(argument), and a sentence on each table."""
-        statement, sentences = _with_named_tables(self.statement)
-        return (derive(statement, self._page.positive) if sentences else self), sentences
+        statement = self.statement
+        expressions = (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)
+        expressions += tuple(constraint.expression for constraint in statement.constraints)
+        nodes = [sorted(expression.atoms(Piecewise), key=default_sort_key) for expression in expressions]
+        tables = [(node, bounds) for node in dict.fromkeys(chain(*nodes)) if (bounds := table_range(node))]
+        if not tables:
+            return self, ()
+        taken = {*statement.names, *(p.name for p in statement.parameters)}
+        names = (
+            [TABLE_LETTER]
+            if len(tables) == 1 and TABLE_LETTER not in taken
+            else [f"{TABLE_LETTER}{i + 1}" for i in range(len(tables))]
+        )
+        named: dict[Any, Any] = {}
+        sentences = []
+        for name, (table, (argument, low, high)) in zip(names, tables, strict=True):
+            named[table] = Function(name, real=True)(argument)
+            knots = [float(pair.cond.rhs) for pair in table.args[0].expr.args[:-1]]
+            pairs = (low, knots[0]), (high, knots[-1])
+            first, last = ((end + OVERHANG * knot) / (1 + OVERHANG) for end, knot in pairs)
+            sentences.append(f"{name} is a table of {len(knots) + 2} points from {first:.6g} to {last:.6g}.")
+        written = statement.mapped(lambda expression: expression.xreplace(named))
+        written = replace(written, unknown=(*statement.unknown, *named.values()))
+        return derive(written, self._page.positive), tuple(sentences)
 
     @cached_property
     def refusal(self) -> str:
@@ -412,34 +436,3 @@ def _length(form: Any) -> tuple[int, int]:
 def _by_terms(expression: Any) -> Any:
     """Return a sum with common factors taken out in each term: m*(2*a + 2*b)/2 becomes m*(a + b)."""
     return Add(*map(factor_terms, Add.make_args(expression)))
-
-
-TABLE_LETTER = "S"  # Letter of a table. Several tables are S1, S2, ...
-
-
-def _with_named_tables(statement: Statement) -> tuple[Statement, tuple[str, ...]]:
-    """Return the statement with each table of measured values replaced by a function with a name, such as S(x).
-
-    The second result has a sentence on each such function.
-    """
-    expressions = (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)
-    expressions += tuple(constraint.expression for constraint in statement.constraints)
-    nodes = [sorted(expression.atoms(Piecewise), key=default_sort_key) for expression in expressions]
-    tables = [(node, bounds) for node in dict.fromkeys(chain(*nodes)) if (bounds := table_range(node))]
-    if not tables:
-        return statement, ()
-    taken = {*statement.names, *(p.name for p in statement.parameters)}
-    names = (
-        [TABLE_LETTER]
-        if len(tables) == 1 and TABLE_LETTER not in taken
-        else [f"{TABLE_LETTER}{i + 1}" for i in range(len(tables))]
-    )
-    named: dict[Any, Any] = {}
-    sentences = []
-    for name, (table, (argument, low, high)) in zip(names, tables, strict=True):
-        named[table] = Function(name, real=True)(argument)
-        knots = [float(pair.cond.rhs) for pair in table.args[0].expr.args[:-1]]
-        first, last = ((end + OVERHANG * knot) / (1 + OVERHANG) for end, knot in ((low, knots[0]), (high, knots[-1])))
-        sentences.append(f"{name} is a table of {len(knots) + 2} points from {first:.6g} to {last:.6g}.")
-    written = statement.mapped(lambda expression: expression.xreplace(named))
-    return replace(written, unknown=(*statement.unknown, *named.values())), tuple(sentences)

@@ -109,7 +109,7 @@ class StatedAlgebra:
     @cached_property
     def energy(self) -> MonomialSum:
         """The energy v . p - L, with like terms merged."""
-        work = (self.algebra.multiply(p, self.symbol(v)) for p, v in zip(self.momenta, self.v, strict=True))
+        work = (self.algebra.multiply(p, self.algebra.read(v)) for p, v in zip(self.momenta, self.v, strict=True))
         return self.algebra.merge_angles(self.algebra.add(self.algebra.scale(self.lagrangian, S.NegativeOne), *work))
 
     @cached_property
@@ -132,7 +132,7 @@ class StatedAlgebra:
         L is the Lagrangian, Q are the stated forces, and D is the dissipation.
         """
         algebra = self.algebra
-        work = [algebra.multiply(force, self.symbol(v)) for force, v in zip(self.applied, self.v, strict=True)]
+        work = [algebra.multiply(force, self.algebra.read(v)) for force, v in zip(self.applied, self.v, strict=True)]
         return algebra.add(algebra.scale(algebra.differentiate(self.lagrangian, self.time), S.NegativeOne), *work)
 
     @cached_property
@@ -153,20 +153,21 @@ class StatedAlgebra:
         algebra, parts = self.algebra, []
         for row in range(3):
             ahead, behind = (turn.entries[3 * row + (turn.axis + step) % 3] for step in (1, 2))
-            parts.append(algebra.multiply(algebra.differentiate(terms, ahead), self.symbol(behind)))
+            parts.append(algebra.multiply(algebra.differentiate(terms, ahead), self.algebra.read(behind)))
             slope = algebra.scale(algebra.differentiate(terms, behind), S.NegativeOne)
-            parts.append(algebra.multiply(slope, self.symbol(ahead)))
+            parts.append(algebra.multiply(slope, self.algebra.read(ahead)))
         return algebra.add({}, *parts)
 
     def at_constant_velocities(self, terms: MonomialSum) -> MonomialSum:
         """Return the time derivative of a sum of monomials at constant velocities: dq/dt = v, dv/dt = 0."""
         algebra = self.algebra
         moved = [
-            algebra.multiply(algebra.differentiate(terms, q), self.symbol(v))
+            algebra.multiply(algebra.differentiate(terms, q), self.algebra.read(v))
             for q, v in zip(self.q, self.v, strict=True)
         ]
         moved += [
-            algebra.multiply(self.turned(terms, turn), self.symbol(self.v[turn.coordinate])) for turn in self.turns
+            algebra.multiply(self.turned(terms, turn), self.algebra.read(self.v[turn.coordinate]))
+            for turn in self.turns
         ]
         return algebra.merge_angles(algebra.add({}, *moved, algebra.differentiate(terms, self.time)))
 
@@ -189,10 +190,6 @@ class StatedAlgebra:
         kinds = (*JUMPING, sympy.Abs) if twice else JUMPING
         plain = [expression.xreplace(self.plain) for expression in stated]
         return any(any(node.has(*symbols) for node in expression.atoms(*kinds)) for expression in plain)
-
-    def symbol(self, symbol: Any) -> MonomialSum:
-        """Return a symbol as a sum of one monomial."""
-        return self.algebra.read(symbol)
 
 
 BUDGET = 300_000
@@ -238,7 +235,7 @@ class TextbookAlgebra(StatedAlgebra):
         for turn in self.turns:
             x, y = turn.others
             ahead, behind = (
-                self.algebra.multiply(self.momenta[i], self.symbol(self.v[j])) for i, j in ((x, y), (y, x))
+                self.algebra.multiply(self.momenta[i], self.algebra.read(self.v[j])) for i, j in ((x, y), (y, x))
             )
             slope = self.turned(self.lagrangian, turn)
             slopes[turn.coordinate] = self.algebra.add(slope, ahead, self.algebra.scale(behind, S.NegativeOne))
@@ -328,7 +325,7 @@ class TextbookAlgebra(StatedAlgebra):
         minus = partial(algebra.scale, number=S.NegativeOne)
         pushes = [[algebra.differentiate(right, s) for s in symbols] for right in self.right_sides]
         parts = [
-            [minus(algebra.multiply(push, self.symbol(s))) for push, s in zip(row, symbols, strict=True)]
+            [minus(algebra.multiply(push, self.algebra.read(s))) for push, s in zip(row, symbols, strict=True)]
             for row in pushes
         ]
         rest = [algebra.merge_angles(algebra.add(h, *part)) for h, part in zip(self.right_sides, parts, strict=True)]

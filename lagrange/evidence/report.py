@@ -165,11 +165,6 @@ class ReferenceEntries:
         """The sizes and the error bounds of the entries, as two arrays of doubles."""
         return np.array([float(x) for x in self.size]), np.array([float(x) for x in self.error])
 
-    @staticmethod
-    def exactly(values: Numbers) -> ReferenceEntries:
-        """Return entries with the exact `values`: their error bounds are zero, their sizes the magnitudes."""
-        return ReferenceEntries(values, [0.0] * len(values), [abs(x) for x in values])
-
     def part(self, start: int, length: int) -> ReferenceEntries:
         """Return the `length` reference values from the index `start` on, with their error bounds and sizes."""
         where = slice(start, start + length)

@@ -9,10 +9,10 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from lagrange.errors import RunError, StatementError, shown
+from lagrange.errors import RunError, StatementError
 from lagrange.evidence.precise_run import precise_run
 from lagrange.machine.model import Model, Stated
-from lagrange.statement.expression import flag, positive_number, real_array, real_number
+from lagrange.statement.expression import flag, positive_number, real_array
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.run import Flow, compiled, span_or_end, trajectory_of
@@ -21,7 +21,10 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 DEFAULT_DIGITS = 22
 """Decimal digits of the reference. Its errors are 1e-6 times those of doubles, and grow along a run like those."""
 
-LEAST_DIGITS, GREATEST_DIGITS = 18, 200
+LEAST_DIGITS, GREATEST_DIGITS = (
+    18,
+    200,
+)  # Allowed precision of the reference, which must exceed the 16 digits of doubles
 
 APART = 4
 """Number of digits by which the second run is less precise than the reference run.
@@ -131,16 +134,6 @@ def _distance(y: Sequence[Any], other: Sequence[Any], unit: FloatArray) -> float
     """Return the largest difference of two states, each entry in units of `unit`."""
     # The subtraction is done in mpmath if one operand is its number; doubles would round small differences to zero.
     return max(abs(float(b - a)) / float(scale) for a, b, scale in zip(y, other, unit, strict=True))
-
-
-def digits_of(digits: Any) -> int:
-    """Return `digits` as an int. Raises StatementError unless it is a whole number in the allowed range."""
-    number = real_number(digits, "digits")
-    if number != int(number) or not LEAST_DIGITS <= number <= GREATEST_DIGITS:
-        raise StatementError(
-            f"digits = {shown(digits)}: give a whole number from {LEAST_DIGITS} to {GREATEST_DIGITS}; doubles have 16."
-        )
-    return int(number)
 
 
 PARTS = 4

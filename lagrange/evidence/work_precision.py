@@ -14,7 +14,14 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown
-from lagrange.evidence.trust_horizon import ReferenceSolution, Sensitivity, digits_of, reference_solution, sensitivity
+from lagrange.evidence.trust_horizon import (
+    GREATEST_DIGITS,
+    LEAST_DIGITS,
+    ReferenceSolution,
+    Sensitivity,
+    reference_solution,
+    sensitivity,
+)
 from lagrange.machine.model import Model
 from lagrange.statement.expression import entries, flag, positive_number, real_number, whole_number
 from lagrange.trajectory.integrator import Integrator, Problem, RunOptions, run_by
@@ -298,7 +305,7 @@ def race_settings(
         repeats=whole_number(repeats, "repeats", 1, MOST_REPEATS),
         max_wall=positive_number(max_wall, "max_wall", "give a positive number of seconds"),
         relative=flag(relative, "relative"),
-        digits=None if digits is None else digits_of(digits),
+        digits=None if digits is None else whole_number(digits, "digits", LEAST_DIGITS, GREATEST_DIGITS),
     )
 
 

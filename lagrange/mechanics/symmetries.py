@@ -294,7 +294,7 @@ class SymmetryEquation:
         stated, algebra = self.stated, self.stated.algebra
         if any(algebra.free(k) & frozenset(stated.v) for terms in slopes for monomial in terms for k, _ in monomial):
             return False
-        moved = [algebra.multiply(slope, stated.symbol(v)) for slope, v in zip(slopes, stated.v, strict=True)]
+        moved = [algebra.multiply(slope, algebra.read(v)) for slope, v in zip(slopes, stated.v, strict=True)]
         rest = algebra.add(defect, algebra.scale(algebra.add({}, *moved), S.NegativeOne))
         for q, slope in zip(stated.q, slopes, strict=True):
             mixed = algebra.scale(algebra.differentiate(slope, stated.time), S.NegativeOne)

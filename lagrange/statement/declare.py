@@ -99,11 +99,12 @@ def declare(
     contacts: Mapping[str, Any] | None = None,
     simultaneous: str | None = None,
     surfaces: Mapping[str, Any] | None = None,
-    check_inertia: bool = True,
+    suffix: str = ".dot",
 ) -> Statement:
     """Return the checked `Statement` of a system from the arguments of `lagrange.System`. Raises StatementError.
 
-    If `check_inertia` is true, a coordinate without inertia is refused here, else later by the equations of motion.
+    `suffix` ends the name of a velocity in the message that refuses a coordinate without inertia. If `suffix` is empty,
+    the equations of motion refuse such a coordinate later.
     """
     survey, alone = Survey(), lagrangian is not None
     typed, energies = _energies(kinetic, potential, lagrangian, survey)
@@ -131,8 +132,8 @@ def declare(
         **known,
         **_functions(survey, chosen if coordinates is None else ()),
     )
-    if check_inertia:
-        _check_velocities(statement, alone=alone)
+    if suffix:
+        _check_velocities(statement, suffix, alone=alone)
     statement = _with_rotations(statement, typed, forces, dissipation, zeros)
     statement = statement.mapped(lambda stated: stated.xreplace(unify)) if unify else statement
     return statement if dimensions is None else with_dimensions(statement, dimensions)
@@ -343,27 +344,28 @@ def _make_one(survey: Survey) -> str:
     return "Make one with lg.coordinate('x')."
 
 
-def _check_velocities(statement: Statement, *, alone: bool) -> None:
+def _check_velocities(statement: Statement, suffix: str, *, alone: bool) -> None:
     """Raise StatementError for a coordinate whose acceleration no equation determines.
 
-    `alone` is true if the user stated the Lagrangian alone, without T and V.
+    `suffix` ends the name of a velocity in the message. `alone` is true if the user stated the Lagrangian L alone.
     """
     still = without_velocity(statement, alone=alone)
     if still is None:
         return
-    name, main = name_of(still), ENERGIES["lagrangian" if alone else "kinetic"]
-    if (turned := rotation_name(still)) is not None:
-        raise StatementError(without_inertia(turned))
-    if any(symbol.name == f"{name}dot" for symbol in statement.lagrangian.free_symbols):
+    key, name = "lagrangian" if alone else "kinetic", name_of(still)
+    main, rate = ENERGIES[key], f"{name}{suffix}"
+    with located(key):
+        if (turned := rotation_name(still)) is not None:
+            raise StatementError(without_inertia(turned))
+        if any(symbol.name == f"{name}dot" for symbol in statement.lagrangian.free_symbols):
+            raise StatementError(
+                f"{main} contains the plain symbol {name}dot, which is not a velocity: write {rate} for it, with "
+                f"{name} = lg.coordinate({name!r})."
+            )
         raise StatementError(
-            f"{main} contains the plain symbol {name}dot, which is not a velocity: write {name}.dot for it, with "
-            f"{name} = lg.coordinate({name!r})."
+            f"{main} does not contain {rate}, so {name} has no inertia and its acceleration is undefined: add its "
+            f"kinetic energy, or make {name} a parameter or a given function of time. {first_order_remedy(rate)}"
         )
-    raise StatementError(
-        f"{main} does not contain {name}.dot, so {name} has no inertia and its acceleration is undefined: add its "
-        f"kinetic energy, or make {name} a parameter, or with lg.given({name!r}) a given function of time. "
-        f"{first_order_remedy(f'{name}.dot')}"
-    )
 
 
 def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any, ...], redundant: str) -> None:

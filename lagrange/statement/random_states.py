@@ -33,19 +33,6 @@ Form = dict[Any, float]
 UNIT = sympy.S.One
 
 
-@dataclass(frozen=True)
-class _Row:
-    """Equation that sets a product of powers of magnitudes to 1.
-
-    `unknowns` has the powers of the unknown magnitudes by index, and `known` the powers of other symbols. `unit` is the
-    natural logarithm of the coefficient.
-    """
-
-    unknowns: dict[int, float]
-    known: tuple[tuple[Any, float], ...]
-    unit: float
-
-
 class Scales:
     """Typical magnitudes of the coordinates and velocities of a statement, as functions of its parameters.
 
@@ -62,11 +49,6 @@ class Scales:
         for expression in (*stated, *(constraint.expression for constraint in statement.constraints)):
             for node in parts_first(expression, self._forms, children):
                 self._forms[node] = self._form(node)
-        self._rows: list[_Row] = []
-        for form in self._monomials:
-            powers = {self._index[symbol]: power for symbol, power in form.items() if symbol in self._index}
-            others = tuple((s, power) for s, power in form.items() if s is not UNIT and s not in self._index)
-            self._rows += [_Row(powers, others, form.get(UNIT, 0.0))] if powers else []
 
     def sizes(self, parameters: Mapping[Any, float], start: Sequence[float] = ()) -> tuple[float, ...]:
         """Return typical magnitudes (2n,) of coordinates and velocities, for these values of the parameters.
@@ -76,11 +58,13 @@ class Scales:
         """
         logarithms = {p: math.log(abs(x)) for p, x in parameters.items() if x and math.isfinite(x)}
         rows: list[tuple[dict[int, float], float]] = []
-        for row in self._rows:
+        for form in self._monomials:
+            powers = {self._index[symbol]: power for symbol, power in form.items() if symbol in self._index}
+            known = [(s, power) for s, power in form.items() if s is not UNIT and s not in self._index]
             # A row is left out if one of its parameters is zero or has no value.
-            unit = row.unit + sum(power * logarithms.get(symbol, math.nan) for symbol, power in row.known)
-            if math.isfinite(unit):
-                rows.append((row.unknowns, unit))
+            unit = form.get(UNIT, 0.0) + sum(power * logarithms.get(symbol, math.nan) for symbol, power in known)
+            if powers and math.isfinite(unit):
+                rows.append((powers, unit))
         solution = _Solution(rows)
         for k, value in enumerate(start):
             if value:

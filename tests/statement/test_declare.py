@@ -100,7 +100,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"coordinates": theta}, "coordinates is theta(t): give a list, such as [theta(t)]."),
     ({"coordinates": [theta, m]}, "coordinates contains m, which is not a coordinate: make one with lg.coordinate('x'"),
     ({"coordinates": [theta, x]}, "the kinetic energy does not contain x.dot, so x has no inertia"),
-    ({"coordinates": [theta, x]}, "add its kinetic energy, or make x a parameter, or with lg.given('x') a given funct"),
+    ({"coordinates": [theta, x]}, "add its kinetic energy, or make x a parameter or a given function of time"),
     ({"potential": V + x, "coordinates": [theta]}, "x is a function of time that is not among the declared"),
     ({"potential": V * coordinate("thet"), "coordinates": [theta]}, "Did you mean 'theta'?"),
     # forces

@@ -27,7 +27,7 @@ from lagrange.statement.coordinate import (
     velocity_of,
 )
 from lagrange.statement.declare import ENERGIES, declare
-from lagrange.statement.energy import Shape, first_order_remedy, shape, without_velocity
+from lagrange.statement.energy import Shape, shape
 from lagrange.statement.event import Event, declare_events, event
 from lagrange.statement.expression import printable, real_number
 from lagrange.statement.given.function import given
@@ -223,9 +223,8 @@ class SceneReader:
                 contacts=self.contacts(reader),
                 simultaneous=self.data.get("simultaneous"),
                 surfaces={name: document.expressions(reader, "surfaces", name) for name in document.table("surfaces")},
-                check_inertia=False,
+                suffix="_dot" if self.evaluated else "",
             )
-        self.check_velocities(declared)
         if "events" not in self.data:
             return declared
         return replace(declared, run=replace(declared.run, events=self.events(reader, declared)))
@@ -410,18 +409,6 @@ class SceneReader:
         if taken:
             self.document.refuse(
                 f"{name!r} cannot name a {what}, because it is {taken}: choose another name.", *path, key=key
-            )
-
-    def check_velocities(self, statement: Statement) -> None:
-        """Raise SceneError, located at L or T, for a coordinate whose acceleration no equation determines."""
-        alone = "lagrangian" in self.data
-        still = without_velocity(statement, alone=alone) if self.evaluated else None
-        if still is not None:
-            name, main = name_of(still), "lagrangian" if alone else "kinetic"
-            self.document.refuse(
-                f"{main} does not contain {name}_dot, so {name} has no inertia and its acceleration is undefined: add "
-                f"its kinetic energy, or make {name} a parameter. {first_order_remedy(f'{name}_dot')}",
-                main,
             )
 
     def constraints(self, reader: Expressions) -> dict[str, Any] | list[Any]:
