@@ -200,10 +200,7 @@ def _extent(step: StepProgram, direction: complex) -> float:
 
 
 def step_of(method: Any) -> StepProgram:
-    """Return the step program of a method: a name, an instance, or a program.
-
-    Raises StatementError for a method without a step program.
-    """
+    """Return the step program of a method. Raises StatementError for a method without one, such as taylor."""
     if isinstance(method, StepProgram):
         return method
     integrator = find(method)

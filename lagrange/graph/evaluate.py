@@ -63,10 +63,7 @@ def values(outputs: Iterable[Node], point: Mapping[Node, Any], context: Any) -> 
 
 
 def doubles(outputs: Iterable[Node], point: Mapping[Node, NDArray[np.float64]], count: int) -> NDArray[np.float64]:
-    """Return the values of nodes, (outputs, count), at `count` points {symbol: (count,)}, in double precision.
-
-    Undefined values are NaN or infinite.
-    """
+    """Return values (outputs, count) of nodes at points {symbol: (count,)}. Undefined values are not finite."""
     outputs = list(outputs)
     results: dict[Node, Any] = dict(point)
     with np.errstate(all="ignore"):

@@ -169,10 +169,7 @@ NumPy calls the method of its name on each object."""
 
 
 def _refusing(numpy: str, ours: str) -> Callable[[Any], NoReturn]:
-    """Return a method that refuses the NumPy function `numpy` for a coordinate and recommends SymPy's `ours`.
-
-    NumPy calls the method of the same name of each object in an array. The returned method raises StatementError.
-    """
+    """Return a method that refuses the NumPy function `numpy` of a coordinate and recommends SymPy's `ours`."""
 
     def refuse(self: Any) -> NoReturn:
         name = name_of(self)

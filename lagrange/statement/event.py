@@ -247,10 +247,7 @@ def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
 
 
 def _check(expression: Any, what: str, statement: Statement, *, motion: bool = False) -> Survey:
-    """Return the coordinates, parameters and functions in an expression, as `_surveyed` does.
-
-    Raises StatementError for a symbol or function that the statement does not have.
-    """
+    """Return the symbols in an expression. Raises StatementError for one that the statement does not have."""
     survey = _surveyed(expression, what, motion=motion)
     declared = (*statement.coordinates, *statement.given, *statement.parameters)
     allowed = listing(["its coordinates", "their velocities", "t", *(p.name for p in statement.parameters)])

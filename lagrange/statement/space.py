@@ -45,10 +45,7 @@ class SpaceMatrix(sympy.ImmutableMatrix):
         return super().__pow__(exponent)
 
     def _combined(self, operation: Callable[[Any], Any], other: Any) -> Any:
-        """Return the result of a matrix operation of this object with `other`, which may be a list, tuple or array.
-
-        Raises StatementError for shapes that do not fit.
-        """
+        """Return the result of a matrix operation with `other`. Raises StatementError for shapes that do not fit."""
         second = in_space(other)
         try:
             result = operation(second)

@@ -97,10 +97,7 @@ class SharedText:
         return self._known[expression].text
 
     def _counted(self, roots: Iterable[Any]) -> dict[Any, int]:
-        """Return the number of occurrences of each subexpression in `roots`.
-
-        The parts of a repeated subexpression are counted once.
-        """
+        """Return {subexpression: occurrences} in `roots`. Parts of a repeated subexpression are counted once."""
         uses: dict[Any, int] = {}
         todo = list(roots)
         while todo:
@@ -241,10 +238,7 @@ def _is_divisor(node: Any) -> bool:
 
 
 def _is_signed(term: Any, part: Text) -> bool:
-    """Return True if the text of `term` begins with a minus sign that belongs to a number.
-
-    The term is that number, or a product that begins with it.
-    """
+    """Return True if the text of `term` begins with a minus sign that belongs to a number."""
     if part.strength == ATOM:
         return False
     if isinstance(term, sympy.Number):

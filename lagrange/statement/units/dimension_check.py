@@ -467,10 +467,7 @@ def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimensi
 
 
 def _completed(equations: UnitEquations, symbol: Any, dimension: Dimension) -> Dimension:
-    """Return `dimension` with the scale factor of the unit of `symbol` that follows from the unit equations.
-
-    The factor is None if `equations` do not determine it.
-    """
+    """Return `dimension` with the scale factor of the unit of `symbol`, or None if that is undetermined."""
     unit_dimension = equations.dimension(symbol)
     return replace(dimension, factor=None if unit_dimension is None else unit_dimension.factor)
 
