@@ -242,7 +242,10 @@ class _Probe:
 
 def solved_statement(model: Model) -> Statement:
     """Return the statement of a model, without constraints that follow from other constraints."""
-    statement, solved = model.statement, model.equations.constraints.names
+    statement = model.statement
+    if not statement.constraints:
+        return statement
+    solved = model.equations.constraints.names
     kept = tuple(constraint for constraint in statement.constraints if constraint.name in solved)
     if len(kept) == len(statement.constraints):
         return statement
