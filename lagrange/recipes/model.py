@@ -22,11 +22,10 @@ from lagrange.statement.event import declare_events
 from lagrange.statement.expression import flag, one_of
 
 
-def missing(package: str, error: ImportError) -> StatementError:
-    """Return the error for a missing `package` that the method `as_package` of the model needs."""
-    return StatementError(
-        f"model.as_{package}() needs {package}, which cannot be imported ({error}): pip install {package}"
-    )
+def missing(method: str, command: str, error: ImportError) -> StatementError:
+    """Return the error for a missing package that a method of the model needs; `command` installs the package."""
+    package = command.rsplit(maxsplit=1)[-1]
+    return StatementError(f"model.{method}() needs {package}, which cannot be imported ({error}): {command}")
 
 
 def entries(model: compiled.Model) -> list[str]:
@@ -118,7 +117,7 @@ class Model(compiled.Model):
         try:
             import numba
         except ImportError as error:
-            raise missing("numba", error) from error
+            raise missing("as_numba", "pip install numba", error) from error
         _KEPT[address] = kernel
         prepare_code, fill_code = _PREPARE(kernel.prepare_address), _FILL(address)
         program, size = kernel.program, kernel.prepared_size
@@ -164,7 +163,7 @@ class Model(compiled.Model):
         try:
             import jax
         except ImportError as error:
-            raise missing("jax", error) from error
+            raise missing("as_jax", "pip install jax", error) from error
         if not jax.config.jax_enable_x64:
             raise StatementError(
                 "JAX computes in single precision, which has 7 digits: call jax.config.update('jax_enable_x64', True) "
@@ -187,7 +186,7 @@ class Model(compiled.Model):
         try:
             import casadi
         except ImportError as error:
-            raise missing("casadi", error) from error
+            raise missing("as_casadi", "pip install casadi", error) from error
         name = f"{quantity}_checked" if flag(status, "status") else quantity
         text = load("casadi").LIBRARY.source(program, quantity, entries(self))
         return defined(text, name, {})(getattr(casadi, symbols))
