@@ -1,6 +1,6 @@
 """Euler-Poincare equations of rotating bodies, in their angular velocities, for Taylor series.
 
-They are p = dL/dw, dp/dt = p x w + (dL along a turn) + torque, for a statement whose rotations are described by small
+These are p = dL/dw, dp/dt = p x w + (dL along a turn) + torque, for a statement whose rotations are described by small
 turns. The length of a quaternion does not occur in them, so the equation of the quaternion is polynomial: dq/dt =
 q w/2. The entries of a rotation matrix R are separate variables with the derivatives R (w x).
 Source: J. E. Marsden, T. S. Ratiu, Introduction to Mechanics and Symmetry, 1999, section 13.5.

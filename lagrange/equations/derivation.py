@@ -132,9 +132,9 @@ class Derivation:
     """Textbook derivation in SymPy: L = T - V, p = dL/dv, and d/dt dL/dv - dL/dq + dD/dv = Q + G^T lambda.
 
     Expressions are in q(t), Derivative(q(t), t), Derivative(q(t), (t, 2)), the parameters, t, and the multipliers of
-    constraints, `lagrange.multiplier(name)`. They are expanded, their sines and cosines merged by the addition
-    theorems, and collected. Every part raises StatementError if it is too large to be written out. Source: Goldstein,
-    Classical Mechanics, chapters 1 and 2.
+    constraints, `lagrange.multiplier(name)`. The expressions are expanded, their sines and cosines are merged by the
+    addition theorems, and terms are collected. Every part raises StatementError if it is too large to be written out.
+    Source: Goldstein, Classical Mechanics, chapters 1 and 2.
     """
 
     statement: Statement
@@ -257,7 +257,7 @@ class Derivation:
 
     @cached_property
     def constraints(self) -> tuple[Any, ...]:
-        """One SymPy Eq for each constraint, as stated. They hold in addition to `equations`."""
+        """One SymPy Eq for each constraint, as stated. The constraints hold in addition to `equations`."""
         return tuple(Eq(constraint.expression, 0, evaluate=False) for constraint in self.statement.constraints)
 
     @cached_property

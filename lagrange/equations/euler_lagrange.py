@@ -308,8 +308,8 @@ class Equations:
     def settled(self) -> bool:
         """True if dq/dt of the coordinates of first order (without inertia) is computed from their equations.
 
-        Their velocities in a state are then not used. It is False if there are no such coordinates, or if the equations
-        cannot be solved for these velocities as formulas.
+        Then the velocities of these coordinates in a state are not used. False if there are no such coordinates, or if
+        their equations cannot be solved for the velocities as formulas.
         """
         return any(rate is not v for rate, v in zip(self.rate, self.v, strict=True))
 

@@ -104,7 +104,7 @@ def value_somewhere(expression: Any) -> float:
 
 
 def distinct_values(symbols: Iterable[Any]) -> dict[Any, Any]:
-    """Return a different positive rational number of order one for each symbol. They have no simple relations."""
+    """Return {symbol: positive rational number of order one}. The numbers differ and have no simple relations."""
     ordered = dict.fromkeys(symbols)
     return {symbol: Rational(2 * i + 3, 2 * i + 7) + Rational(1, i + 11) for i, symbol in enumerate(ordered)}
 

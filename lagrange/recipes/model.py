@@ -68,8 +68,8 @@ _KEPT: dict[int, Any] = {}
 class NumbaFunction:
     """A quantity as functions that Numba's compiled functions can call; arrays are contiguous and of doubles.
 
-    `prepare(p)` takes the parameters (k,) and returns the array `prepared`. It has all values that depend on parameters
-    alone; its last entry is nonzero if a matrix of such values is singular. `function(t, y, prepared)` returns the
+    `prepare(p)` takes the parameters (k,) and returns the array `prepared` of all values that depend on parameters
+    alone. Its last entry is nonzero if a matrix of such values is singular. `function(t, y, prepared)` returns the
     quantity as a new array, with NaN in all entries if a mass matrix is singular. `fill(t, y, prepared, out)` writes
     the quantity to `out` and returns True if a mass matrix is singular. It allocates no memory.
     """

@@ -3,7 +3,7 @@
 Outputs that are neither a terminal nor a notebook show no progress, or lines of text on request.
 
 A page of a result contains formulas, whose notation belongs to a later stage of the package. So that stage has a
-module, `PAGES`, with the functions that write pages. It is imported when the first page is shown.
+module, `PAGES`, with the functions that write pages. This module is imported when the first page is shown.
 """
 
 from __future__ import annotations

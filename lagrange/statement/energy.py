@@ -86,7 +86,7 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     """Return w . I w / 2, the kinetic energy of a rotation with inertia I and angular velocity w.
 
     `inertia` is a scalar, a vector of principal moments (k,) or a matrix (k, k). `angular_velocity` is a scalar or a
-    vector (k,) in the same axes. It contains rates such as theta.dot, whereas `kinetic_energy` takes a position. Raises
+    vector (k,) in the same axes. Give rates such as theta.dot here, whereas `kinetic_energy` takes a position. Raises
     StatementError for a component that is an angle, a number such as sin(theta), or an acceleration, and for shapes
     that do not fit together. Goldstein, Poole, Safko, Classical Mechanics, 3rd ed., section 5.3.
     """
@@ -229,7 +229,7 @@ def _checked_tensor(tensor: Any) -> Any:
 def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] | None = None) -> Any:
     """Return the potential energy of gravity: m g times the height of `position` (k,) along the direction `up` (k,).
 
-    By default `up` is the last axis, which is y in a plane and z in space. It is scaled to unit length. Raises
+    By default `up` is the last axis, which is y in a plane and z in space. `up` is scaled to unit length. Raises
     StatementError for an `up` that is zero, or has another number of entries than `position`.
     """
     point = vector(position, "the position")

@@ -463,7 +463,7 @@ def vector(value: Any, what: str) -> list[Any]:
 
 
 def modulo(dividend: Any, divisor: Any) -> Any:
-    """Return Mod(dividend, divisor) as an expression with sines and an arctangent. It has the sign of the divisor."""
+    """Return Mod(dividend, divisor), which has the divisor's sign, as an expression with sines and an arctangent."""
     angle = 2 * sympy.pi * dividend / divisor
     return divisor / 2 + divisor * sympy.atan2(-sympy.sin(angle), -sympy.cos(angle)) / (2 * sympy.pi)
 

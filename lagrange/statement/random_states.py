@@ -316,7 +316,7 @@ class Sampler:
 
 
 MOST_DRAWS = 16
-"""Largest number of random states at which a formula is tested. It may have no value at some of them."""
+"""Largest number of random states at which a formula is tested. The formula may have no value at some states."""
 
 ALL_KINDS = (*SAMPLE_KINDS[1:4], SAMPLE_KINDS[0])
 """Kinds of random states, used in turn: states of order one come first."""

@@ -71,8 +71,8 @@ CHECKED_EVERY = 512
 class PreparationTooLongError(LagrangeError):
     """Error: deriving or compiling took longer than the time limit.
 
-    `model` is the model that was to run, None before its equations are known. It is not a RunError, since some callers
-    treat a RunError as a missing value.
+    `model` is the model that was to run, None before its equations are known. The class is not a RunError, since some
+    callers treat a RunError as a missing value.
     """
 
     model: Any = None

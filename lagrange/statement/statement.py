@@ -193,7 +193,7 @@ class Statement:
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time at which all given functions have values. They are -inf and inf without tables."""
+        """First and last time at which all given functions have values. Both are infinite without tables."""
         spans = [motion.span for motion in map(motion_of, self.given) if motion is not None]
         return max((first for first, _ in spans), default=-inf), min((last for _, last in spans), default=inf)
 

@@ -44,9 +44,9 @@ def table(argument: Any, points: Any, values: Any) -> Any:
 
     Use it in energies, forces and constraints: `lg.table(x, [0, 1, 2, 3], [0, 0.9, 2.1, 3.8])` is the value at the
     coordinate x. `argument` is any expression: a coordinate, a velocity, a distance. `values` (K,) belong to `points`
-    (K,), 4 to 200 increasing numbers. They are joined by a cubic spline ("not a knot"), whose first and second
-    derivatives are continuous: the expression is a Piecewise of cubics. Outside of the points it has no value. A run
-    that leaves the points stops with a message.
+    (K,), 4 to 200 increasing numbers. A cubic spline ("not a knot") joins the values. Its first and second derivatives
+    are continuous. The result is a Piecewise of cubics, which has no value outside of the points. A run that leaves the
+    points stops with a message.
 
     Numbers have no unit. In a system with `dimensions`, divide the argument by a unit and multiply the table by a unit,
     as in `e*lg.table(x/a, points, values)`. A table over time is `lg.given(name, (times, values))`. Raises
@@ -180,7 +180,7 @@ class Motion:
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time at which the given function has a value. They are -inf and inf unless it is a table."""
+        """First and last time at which the given function has a value. Both are infinite unless it is a table."""
         table = self.values
         return (table.points[0], table.points[-1]) if isinstance(table, TabulatedFunction) else (-math.inf, math.inf)
 
