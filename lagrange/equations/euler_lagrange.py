@@ -527,8 +527,7 @@ def node_of(expression: Any, statement: Statement, equations: Equations) -> Node
     """Return an expression as a node of the equations. Raises StatementError for unknown symbols."""
     stated = expression_of(expression, "the expression")
     expression = in_own_parameters(stated, statement.parameters)
-    survey = Survey()
-    survey.add(expression, "the expression", accelerations=True, multipliers=True)
+    survey = Survey().add(expression, "the expression", accelerations=True, multipliers=True)
     check_multipliers(
         survey.multipliers, "the expression", [constraint.name for constraint in statement.constraints], statement.name
     )

@@ -47,11 +47,6 @@ class Structure:
     freedoms: int
     decisions: Decisions
 
-    @property
-    def separable(self) -> Verdict:
-        """True if the momenta depend on velocities alone, False if not, None if undecided."""
-        return self.decisions.separable
-
     @cached_property
     def cyclic(self) -> tuple[int, ...]:
         """Indices of cyclic coordinates: L does not depend on them, and no force, drag or constraint acts on them."""
@@ -89,9 +84,9 @@ class Structure:
         return [*self._first_order(), *self._constraints(), *self._energy(), *momenta]
 
     def _separation(self) -> list[str]:
-        if self.separable:
+        if self.decisions.separable:
             return ["The momenta depend on velocities alone: all else in the Lagrangian acts as a potential."]
-        if self.separable is False:
+        if self.decisions.separable is False:
             return ["The momenta depend on more than the velocities: the Lagrangian does not separate."]
         return []
 

@@ -191,8 +191,7 @@ def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints:
 def _check(stated: Contact, survey: Survey) -> None:
     """Add the symbols of a contact's expressions to `survey`. Raises StatementError for symbols that do not belong."""
     what = f"the gap of the contact {stated.name!r}"
-    leaves = Survey()
-    leaves.add(stated.gap, what)
+    leaves = Survey().add(stated.gap, what)
     if not leaves.coordinates or leaves.velocities:
         reason = "contains a velocity" if leaves.velocities else "contains no coordinate"
         raise StatementError(
@@ -200,8 +199,8 @@ def _check(stated: Contact, survey: Survey) -> None:
             "and t, such as y - R."
         )
     for component in stated.slip:
-        what, leaves = f"the slip of the contact {stated.name!r}", Survey()
-        leaves.add(component, what)
+        what = f"the slip of the contact {stated.name!r}"
+        leaves = Survey().add(component, what)
         if not leaves.velocities:
             raise StatementError(
                 f"{what} is {formula(component, 60)}, which contains no velocity: give the relative velocity of the "
@@ -223,8 +222,7 @@ def _check(stated: Contact, survey: Survey) -> None:
         what, symbols, plain = f"the {part} of the contact {stated.name!r}", "parameters", number
         if part == "restitution":
             symbols, plain = "parameters and lg.impact_speed", number.xreplace({impact_speed: sympy.S.One})
-        leaves = Survey()
-        leaves.add(plain, what)
+        leaves = Survey().add(plain, what)
         if leaves.coordinates or plain.has(t):
             raise StatementError(f"{what} is {formula(number, 60)}: give an expression in {symbols}.")
         survey.add(plain, what)

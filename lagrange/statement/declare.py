@@ -408,10 +408,9 @@ def _dissipation(function: Any, by_name: Mapping[str, Any], survey: Survey) -> A
 
     Raises StatementError for a D without velocities, because its force -dD/dv is zero.
     """
-    dissipation, leaves = expression(function, "the dissipation"), Survey()
-    leaves.add(dissipation, "the dissipation")
+    dissipation = expression(function, "the dissipation")
     survey.add(dissipation, "the dissipation")
-    if dissipation != 0 and not leaves.velocities:
+    if dissipation != 0 and not Survey().add(dissipation, "the dissipation").velocities:
         raise StatementError(
             f"the dissipation is {formula(dissipation, 60)}, without a velocity, and its force -dD/d(velocity) is "
             f"zero: state it with velocities, as in c*{next(iter(by_name))}.dot**2/2, or add it to the potential "
@@ -531,9 +530,9 @@ def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Cons
     """Return constraints from {name: expression that stays zero}, and add their symbols to `survey`."""
     constraints = []
     for name, typed in zeros.items():
-        what, zero, leaves = f"constraint {name!r}", in_full(typed), Survey()
+        what, zero = f"constraint {name!r}", in_full(typed)
         with located(name):
-            leaves.add(zero, what)
+            leaves = Survey().add(zero, what)
             survey.add(zero, what)
             if not leaves.coordinates:
                 raise StatementError(_no_coordinates(what, zero))

@@ -241,9 +241,7 @@ def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
     `what` is the name of the expression in messages. If `motion` is true, the expression may contain accelerations and
     multipliers.
     """
-    survey = Survey()
-    survey.add(expression, what, accelerations=motion, multipliers=motion)
-    return survey
+    return Survey().add(expression, what, accelerations=motion, multipliers=motion)
 
 
 def _check(expression: Any, what: str, statement: Statement, *, motion: bool = False) -> Survey:

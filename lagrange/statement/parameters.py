@@ -39,8 +39,10 @@ class Survey:
     unknown: dict[Any, None] = field(default_factory=dict)
     seen: set[Any] = field(default_factory=set)
 
-    def add(self, expression: Any, what: str, *, accelerations: bool = False, multipliers: bool = False) -> None:
-        """Collect the symbols of an expression. Raises StatementError for functions that have no derivative or value.
+    def add(self, expression: Any, what: str, *, accelerations: bool = False, multipliers: bool = False) -> Survey:
+        """Collect the symbols of an expression, and return this survey.
+
+        Raises StatementError for functions that have no derivative or value.
 
         `what` is the name of the expression in messages. `accelerations` and `multipliers` are true if the expression
         may contain these; else they are refused.
@@ -57,6 +59,7 @@ class Survey:
                 self._add_unknown(node.expr, what)
             else:
                 _check_supported(node, what)
+        return self
 
     def require(self, known: Container[Any], what: str, rest: str) -> None:
         """Raise StatementError for a collected symbol or function that is not in `known`.

@@ -507,7 +507,12 @@ def test_what_is_absent_needs_no_decision(monkeypatch: pytest.MonkeyPatch) -> No
     # Whether a run is held to its energy is asked of every model: a chain of links must not pay for it.
     monkeypatch.setattr(decisions, "values", None)
     structure = laws_of(kinetic=lg.kinetic_energy(m, (x, y)), potential=k * x * y, coordinates=[x, y]).structure
-    assert structure.conservative and structure.decisions.timeless and structure.separable and structure.constant_mass
+    assert (
+        structure.conservative
+        and structure.decisions.timeless
+        and structure.decisions.separable
+        and structure.constant_mass
+    )
 
 
 EARTH = cos(Rational(729, 10**7) * t) + sin(Rational(1991, 10**10) * t)

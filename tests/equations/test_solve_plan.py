@@ -270,7 +270,7 @@ def test_findings(name: str) -> None:
     assert (
         result.blocks,
         result.constant_mass,
-        result.separable,
+        result.decisions.separable,
         result.decisions.timeless,
         result.forced,
         result.cyclic,
