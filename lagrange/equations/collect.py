@@ -159,9 +159,9 @@ class _Variables:
         return self.ring.from_dict(coefficients)
 
     def terms(self, polynomial: Any) -> MonomialSum:
-        """Return `polynomial`, the quotient of two results of the method `polynomial`, as a sum of monomials.
+        """Return a SymPy polynomial as a sum of monomials. It is the quotient of two results of `polynomial`.
 
-        The powers of factors that the method takes out are the same for both results, so they cancel in the quotient.
+        The powers of factors that `polynomial` takes out are the same for both results, so they cancel in the quotient.
         """
         result: MonomialSum = {}
         for exponents, value in polynomial.terms():

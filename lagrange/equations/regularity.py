@@ -286,7 +286,10 @@ class RegularityPoints:
         self.points = [(*point.q, *point.v, *point.parameters.values(), point.t) for point in every]
 
     def reached(self, reach: Reach) -> tuple[list[FloatArray], FloatArray]:
-        """Return states (2n,) that `reach` finds on the constraints, and the parameters (k,)."""
+        """Return states (2n,) on the constraints, and the parameters (k,).
+
+        `reach` projects the initial state and the random ones onto the constraints.
+        """
         states = np.array([(*point.q, *point.v) for point in (self._initial, *self._random)]).T
         parameters = np.array([*self._initial.parameters.values()])
         return reach(self.statement, self.equations, states, parameters), parameters

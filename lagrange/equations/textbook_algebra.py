@@ -197,8 +197,8 @@ BUDGET = 300_000
 EXPANDED_BLOCK = 3
 """Largest number of coupled coordinates whose accelerations are solved with expanded and merged determinants."""
 EXPANDED_WITH_MULTIPLIERS = 6
-"""Largest number of coupled accelerations and multipliers that are solved like this. Half of their matrix is zero, and
-other terms often cancel. Two masses on two rods, six unknowns, take 0.3 s; nested formulas are three times as long."""
+"""Largest number of coupled accelerations and multipliers solved in this way. Half of their matrix is zero, and other
+terms often cancel. Two masses on two rods, six unknowns, take 0.3 s, with formulas a third as long as nested ones."""
 EXPANDED_TERMS = 10_000
 """Largest number of monomials of an expanded solution, which take 0.1 s. Longer formulas stay nested. Three links need
 2,000."""

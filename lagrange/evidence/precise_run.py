@@ -28,7 +28,10 @@ GUARD = 14
 
 
 class PreciseEquations:
-    """Residuals of the equations of motion, with `digits` correct digits, from the stated L, Q and D."""
+    """Residuals of the equations of motion in multiple precision, from the stated L, Q and D.
+
+    `digits` is the number of digits that the residuals keep.
+    """
 
     def __init__(self, statement: Statement, parameters: Mapping[Any, float], digits: int) -> None:
         # dp/dt is a difference of differences: it loses twice the digits of the step, and its error is the square of

@@ -27,7 +27,7 @@ REFERENCE_DIGITS = 90
 """Decimal digits of the evaluations: third differences with steps of 1e-18 leave 36 of 90."""
 
 PERTURBATION = 1e-20
-"""Relative perturbation of every number, far above the rounding errors, and small enough for a linear response."""
+"""Relative perturbation of every number. It is far above the errors, and small enough for a linear response."""
 
 VALUE_NOISE = "1e-89"
 """Amplitude of the noise on each value of a perturbed L, relative to its size: ten times its rounding error."""

@@ -89,7 +89,10 @@ def opposite(condition: Node) -> Node:
 
 
 def where_read(node: Node, condition: Node) -> Node:
-    """Return `node` where the condition holds, else the constant 1, so that no event is found elsewhere."""
+    """Return a node that equals `node` if the condition holds, and else the constant 1.
+
+    Its value is then finite and not zero, so that no event is found there.
+    """
     graph = node.graph
     return node if condition is graph.one else graph.piecewise([(condition, node)], graph.one)
 

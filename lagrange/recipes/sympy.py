@@ -171,7 +171,10 @@ class _Writer:
         return a, order
 
     def solved(self, factors: tuple[list[list[Any]], list[int]], right: Sequence[Any]) -> list[Any]:
-        """Return the solution of a linear system from `factors`, a result of `factored`, and the right-hand side."""
+        """Return the solution of a linear system.
+
+        `factors` are a result of `factored`, and `right` the right-hand side.
+        """
         (a, order), n = factors, len(right)
         x = [right[i] for i in order]
         for i in range(n):

@@ -169,7 +169,10 @@ NumPy calls the method of its name on each object."""
 
 
 def _refusing(numpy: str, ours: str) -> Callable[[Any], NoReturn]:
-    """Return a method that refuses the NumPy function `numpy` of a coordinate and recommends SymPy's `ours`."""
+    """Return a method that refuses the NumPy function `numpy` for a coordinate and recommends SymPy's `ours`.
+
+    NumPy calls the method of the same name of each object in an array. The returned method raises StatementError.
+    """
 
     def refuse(self: Any) -> NoReturn:
         name = name_of(self)

@@ -527,7 +527,10 @@ def _has_length(value: Any, *lengths: int) -> bool:
 
 @located("constraints")
 def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Constraint, ...]:
-    """Return constraints from {name: expression that stays zero}, and add their symbols to `survey`."""
+    """Return constraints from {name: expression that stays zero}, and add their symbols to `survey`.
+
+    Raises StatementError for an expression without a coordinate.
+    """
     constraints = []
     for name, typed in zeros.items():
         what, zero = f"constraint {name!r}", in_full(typed)

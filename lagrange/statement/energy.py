@@ -319,7 +319,10 @@ def _box() -> list[list[Place]]:
 
 
 def _circle(first: int, second: int) -> list[Place]:
-    """Return the points of a circle of radius one, to six digits, in the plane of the axes `first` and `second`."""
+    """Return points of a closed circle of radius one in the plane of the axes with indices `first` and `second`.
+
+    Coordinates are rounded to six digits.
+    """
     corners = []
     for k in range(PARTS + 1):
         angle = 2 * math.pi * (k % PARTS) / PARTS

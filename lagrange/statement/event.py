@@ -245,7 +245,11 @@ def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
 
 
 def _check(expression: Any, what: str, statement: Statement, *, motion: bool = False) -> Survey:
-    """Return the symbols in an expression. Raises StatementError for one that the statement does not have."""
+    """Return the coordinates, parameters and functions in an expression.
+
+    Raises StatementError if one is not the statement's. `what` is the name of the expression in messages. If `motion`
+    is true, it may contain accelerations and multipliers.
+    """
     survey = _surveyed(expression, what, motion=motion)
     declared = (*statement.coordinates, *statement.given, *statement.parameters)
     allowed = listing(["its coordinates", "their velocities", "t", *(p.name for p in statement.parameters)])

@@ -359,7 +359,8 @@ def as_typed(value: Any, what: str) -> Any:
 
 
 SHORTHAND = "shorthand"
-"""Name of the attribute with the expression that a function of time abbreviates, such as an entry of a rotation."""
+"""Attribute of a function of time that abbreviates an expression, such as an entry of a rotation. It holds the
+expression."""
 
 
 def is_shorthand(value: Any) -> bool:
@@ -463,7 +464,7 @@ def vector(value: Any, what: str) -> list[Any]:
 
 
 def modulo(dividend: Any, divisor: Any) -> Any:
-    """Return Mod(dividend, divisor), which has the divisor's sign, as an expression with sines and an arctangent."""
+    """Return Mod(dividend, divisor) as an expression with sines and an arctangent. It has the sign of the divisor."""
     angle = 2 * sympy.pi * dividend / divisor
     return divisor / 2 + divisor * sympy.atan2(-sympy.sin(angle), -sympy.cos(angle)) / (2 * sympy.pi)
 

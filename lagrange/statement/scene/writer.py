@@ -238,7 +238,10 @@ def _is_divisor(node: Any) -> bool:
 
 
 def _is_signed(term: Any, part: Text) -> bool:
-    """Return True if the text of `term` begins with a minus sign that belongs to a number."""
+    """Return True if the text of `term` begins with a minus sign that belongs to a number.
+
+    The term is that number, or a product that begins with it.
+    """
     if part.strength == ATOM:
         return False
     if isinstance(term, sympy.Number):

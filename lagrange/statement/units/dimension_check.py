@@ -467,7 +467,10 @@ def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimensi
 
 
 def _completed(equations: UnitEquations, symbol: Any, dimension: Dimension) -> Dimension:
-    """Return `dimension` with the scale factor of the unit of `symbol`, or None if that is undetermined."""
+    """Return `dimension` with the scale factor of the unit of `symbol` that follows from the unit equations.
+
+    The factor is None if `equations` do not determine it.
+    """
     unit_dimension = equations.dimension(symbol)
     return replace(dimension, factor=None if unit_dimension is None else unit_dimension.factor)
 
