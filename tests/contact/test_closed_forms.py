@@ -15,6 +15,7 @@ import lagrange as lg
 from lagrange.algorithm.linear.complementarity import lemke
 from lagrange.trajectory.contact import stick_or_slide
 from lagrange.trajectory.contact.stick_or_slide import OPEN, SLIDING, STICKING, Friction, solutions
+from tests.covering import Share
 from tests.models import SCENE_NAMES, shared_scene, stated_in
 
 G = 9.81
@@ -96,13 +97,12 @@ def test_a_rod_has_no_motion_in_the_interval_of_painleve() -> None:
 
 
 def test_sliding_begins_where_a_growing_force_reaches_the_cone() -> None:
-    for force in (lg.t, lg.t**2):
-        (x, y), m = lg.coordinates("x y"), lg.parameters("m")
-        floor = lg.contact(y, slip=x.dot, friction=0.5)
-        system = lg.System(m * (x.dot**2 + y.dot**2) / 2, m * y, forces={x: force}, contacts={"floor": floor})
-        run = system.run(2.0, parameters={m: 1}).require()
-        begins = run.t[np.argmax(run.contacts["floor"].mode == "sliding")]
-        assert begins == pytest.approx(0.5 if force == lg.t else np.sqrt(0.5), abs=1e-12)
+    (x, y), m = lg.coordinates("x y"), lg.parameters("m")
+    floor = lg.contact(y, slip=x.dot, friction=0.5)
+    system = lg.System(m * (x.dot**2 + y.dot**2) / 2, m * y, forces={x: lg.t**2}, contacts={"floor": floor})
+    run = system.run(2.0, parameters={m: 1}).require()
+    begins = run.t[np.argmax(run.contacts["floor"].mode == "sliding")]
+    assert begins == pytest.approx(np.sqrt(0.5), abs=1e-12)
 
 
 # --- undetermined motions and forces --------------------------------------------------------------------------
@@ -207,20 +207,6 @@ def test_a_ball_on_a_table_doubles_its_period_with_multipliers_minus_one_and_the
     assert np.sort(np.linalg.eigvals(np.array(columns).T)) == pytest.approx([-1, -0.25], abs=1e-6)
 
 
-@pytest.mark.slow
-def test_a_block_slides_straight_on_a_plane_and_stops() -> None:
-    (x, y, z), (m, g, mu) = lg.coordinates("x y z"), lg.parameters("m g mu")
-    floor = lg.contact(z, slip=(x.dot, y.dot), friction=mu)
-    kinetic, values = m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, {m: 1, g: G, mu: 0.3}
-    start = {x.dot: 3, y.dot: 4}
-    system = lg.System(kinetic, m * g * z, contacts={"floor": floor}, parameters=values, initial=start)
-    run = system.run(5.0).require()
-    stops = np.argmax(run.contacts["floor"].mode == "sticking")
-    assert run.t[stops] == pytest.approx(5 / (0.3 * G), abs=1e-11)
-    assert run.y[:3, -1] == pytest.approx([0.6 * 25 / (0.6 * G), 0.8 * 25 / (0.6 * G), 0], abs=1e-10)
-    assert run.contacts["floor"].friction[:, 0] == pytest.approx([-0.6 * 0.3 * G, -0.8 * 0.3 * G])
-
-
 # --- scenes ----------------------------------------------------------------------------------------------------
 # The scenes of the library with contacts, against closed forms and published figures.
 
@@ -249,9 +235,9 @@ CASES = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) f
 def test_a_tolerance_of_the_method_is_one_of_the_run() -> None:
     """Transitions did not know it: the run of the rocking block was unreliable, and the tippe top's had no end."""
     scene, method = shared_scene("rocking-block"), lg.methods.DOP853(rtol=1e-3)
-    model, expected = scene.compile(), scene.run(2.0, method="dop853", rtol=1e-3).require()
-    assert (scene.run(2.0, method=method).require().y == expected.y).all()
-    assert (lg.flow(model, method=method)(model.statement.initial, 0.0, 2.0) == expected.y[:, -1]).all()
+    model, expected = scene.compile(), scene.run(1.0, method="dop853", rtol=1e-3).require()
+    assert (scene.run(1.0, method=method).require().y == expected.y).all()
+    assert (lg.flow(model, method=method)(model.statement.initial, 0.0, 1.0) == expected.y[:, -1]).all()
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -352,9 +338,9 @@ def problem(seed: int, plane: bool = False) -> tuple[np.ndarray, np.ndarray, lis
 
 
 @pytest.mark.parametrize("plane", [False, True])
-def test_forces_push_rates_separate_and_friction_is_in_its_cone(plane: bool) -> None:
+def test_forces_push_rates_separate_and_friction_is_in_its_cone(plane: bool, share: Share) -> None:
     met: set[str] = set()
-    for seed in range(150):
+    for seed in range(share(800)):
         matrix, bias, contacts = problem(seed, plane)
         for result in solutions(matrix, bias, contacts):
             met.update(result.states)
@@ -373,9 +359,9 @@ def test_forces_push_rates_separate_and_friction_is_in_its_cone(plane: bool) -> 
 
 
 @pytest.mark.parametrize("plane", [False, True])
-def test_surfaces_that_do_not_slide_yet_have_one_motion(plane: bool) -> None:
+def test_surfaces_that_do_not_slide_yet_have_one_motion(plane: bool, share: Share) -> None:
     """With independent directions and little friction; turns of many directions at once overshot in a plane."""
-    for seed in range(60):
+    for seed in range(share(200)):
         matrix, bias, contacts = problem(seed, plane)
         assert len(solutions(matrix, bias, [replace(contact, way=None) for contact in contacts])) == 1
 

@@ -316,6 +316,7 @@ def test_bodies_do_not_overlap_and_energy_goes_where_it_is_booked(seed: int) -> 
     assert not broken_laws(drawn.system, run, driven=drawn.driven)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 @pytest.mark.parametrize("seed", [50_005, 50_008, 50_014, 50_025, 50_030, 50_044])
 def test_the_laws_hold_to_the_default_tolerance(method: str, seed: int) -> None:
@@ -399,17 +400,17 @@ def test_friction_inside_the_loop_is_that_of_a_look_at_each_change(seed: int, mo
 
     monkeypatch.setattr(Transitions, "after", counted)
     system = random_slider(seed)
-    inside = system.run(8.0, rtol=1e-12).require()
+    inside = system.run(4.0, rtol=1e-12).require()
     assert looks == [0.0]
     monkeypatch.setattr(Kinematics, "held", lambda *_: False)
-    outside = system.run(8.0, rtol=1e-12).require()
+    outside = system.run(4.0, rtol=1e-12).require()
     result, reference = inside.trajectory.contacts, outside.trajectory.contacts
     assert result is not None and reference is not None
     assert len(looks) == 1 + len(reference.begins)
     assert [mode.states for mode in result.modes] == [mode.states for mode in reference.modes]
     # A time is known to the tolerance divided by the slope of the slip or of the force at its end, some 0.01 here.
     assert np.abs(result.begins - reference.begins).max() < 1e-9
-    assert np.abs(inside.at(8.0) - outside.at(8.0)).max() < 1e-9
+    assert np.abs(inside.at(4.0) - outside.at(4.0)).max() < 1e-9
 
 
 def test_a_limit_inside_the_loop_is_told_in_coordinates_of_the_system() -> None:

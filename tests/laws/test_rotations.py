@@ -42,18 +42,12 @@ def test_attitude_after_a_period_of_the_rates() -> None:
     assert abs(2 * np.cos(angle) + 1 - np.trace(matrix)) < 1e-11
 
 
-def test_flip_of_a_body_about_its_middle_axis() -> None:
-    """The rates have the period 4 K(k) / rate = 41.50921952933849, in which rounding errors grow by a factor of 100."""
-    run = body((1, 2, 3), (0.01, 1, 0)).run(41.50921952933849, rtol=1e-14)
-    assert np.abs(run[R.body][:, -1] - [0.01, 1, 0]).max() < 1e-12
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize("weight", [0, 0.8])
 def test_the_length_of_the_quaternion_stays_one(weight: float) -> None:
     """At the default tolerance errors of the length would add up to 1e-9; only the error of one step remains."""
     potential = weight * (R[2, 2] + 0.3 * R[0, 1])
-    run = body((1, 1.6, 2.2), (2, 0.5, 0.1), lg.turn((0, 1, 1), 2), potential).run(2000.0)
+    run = body((1, 1.6, 2.2), (2, 0.5, 0.1), lg.turn((0, 1, 1), 2), potential).run(500.0)
     assert np.abs(np.linalg.norm(run.y[:4], axis=0) - 1).max() < 1e-13
 
 
@@ -165,7 +159,6 @@ def test_small_turns_of_a_body_that_hangs() -> None:
     """A body hangs by a point: frequencies sqrt(m g a/J) about the two horizontal axes, and free turns about z."""
     hanging = body((0.5, 0.8, 0.4), (0, 0, 0), potential=-R[2, 2])
     assert np.allclose([float(w) for w in hanging.modes().frequencies], [0, 0.8**-0.5, 0.5**-0.5], rtol=1e-12)
-    assert hanging.linearize().A.shape == (6, 6)
 
 
 def test_constant_of_kovalevskaya() -> None:
@@ -358,30 +351,15 @@ def test_conserved_momenta_of_a_thrown_body_have_different_names() -> None:
     assert {"angular momentum z", "angular momentum z of R", "angular momentum z of the body of R"} <= set(names)
 
 
-def test_a_body_passes_the_pole_of_euler_angles() -> None:
-    """It turns about the node through theta = 0, where phi and psi have no values."""
-    run = body((1, 2, 3), (-1.0, 0, 0), lg.turn((1, 0, 0), 0.5)).run(1.0, rtol=1e-13)
-    expected = [[1, 0, 0], [0, np.cos(-0.5), -np.sin(-0.5)], [0, np.sin(-0.5), np.cos(-0.5)]]
-    assert np.abs(run[R][-1] - expected).max() < 1e-13
-
-
 def example(name: str) -> lg.Solution:
     return shared_scene(name).run(rtol=1e-12)
 
 
 def test_a_wing_nut_has_turned_over_every_half_period() -> None:
-    """The start is that of the flip above. Four half periods are two periods of the rates."""
+    """Four half periods are two periods of the rates, in which rounding errors grow by a factor of 10,000."""
     run = example("free-top")
     assert np.abs(run[R.body][:, -1] - run[R.body][:, 0]).max() < 1e-6
     assert run[R.body][1].min() < -0.999
-
-
-def test_a_sleeping_top_falls_and_rises_on_the_curve_of_its_energy() -> None:
-    """At the spin w with J3 w = 1.9 the lowest height is 1.9^2/2 - 1 = 0.805, up to the push."""
-    run = example("sleeping-top")
-    height = run.sampled(np.linspace(0, run.t[-1], 1000))[R][:, 2, 2]
-    assert abs(height.min() - 0.805) < 1e-3
-    assert height.max() > 0.999999
 
 
 def test_a_heavy_top_nods_between_the_roots_of_its_cubic() -> None:
@@ -436,19 +414,9 @@ def test_rods_on_ball_joints_keep_energy_and_momentum_about_the_vertical() -> No
 
 
 @pytest.mark.slow
-def test_top_on_its_homoclinic_path() -> None:
-    """With p_phi = p_psi = sqrt(3 m g a J1) the top rises for ever: cos(theta) = 1/(1 + sech(gamma t))."""
-    tilt, p = np.pi / 3, np.sqrt(3)
-    slow = p / 1.5
-    top = body((1, 1, 0.5), (0, slow * np.sin(tilt), p / 0.5), lg.turn((1, 0, 0), tilt), R[2, 2])
-    assert abs(top.run(3.0, rtol=1e-14)[R][-1, 2, 2] - 1 / (1 + 1 / np.cosh(3.0))) < 1e-12
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1))
-def test_linear_equations_anywhere_agree_with_the_compiled_model(seed: int) -> None:
+def test_linear_equations_anywhere_agree_with_the_compiled_model() -> None:
     """With a coordinate, torques and an input: `linearize` compares itself with the model, and raises if it differs."""
-    draw = np.random.default_rng(seed)
+    draw = np.random.default_rng(0)
     x, u = lg.coordinate("x"), lg.parameters("u")
     energy = R.body.dot(diag(1.1, 1.3, 1.7) * R.body) / 2 + m * (x.dot**2 + x.dot * R.space[0]) / 2
     system = lg.System(

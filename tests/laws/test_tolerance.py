@@ -123,15 +123,6 @@ def test_kepler_over_a_hundred_thousand_orbits() -> None:
     assert exponent(flow, orbit, starts, (2e3 * math.pi, 2e5 * math.pi)) < FASTEST
 
 
-@pytest.mark.slow
-def test_henon_heiles_over_a_million_steps() -> None:
-    potential = (x**2 + y**2) / 2 + x**2 * y - y**3 / 3
-    galaxy = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=potential)
-    flow = flow_of(galaxy, rtol=1e-16, atol=1e-16)
-    starts = [np.array([0.1 + 1e-3 * k, 0.2, 0.3, 0.1]) for k in range(8)]
-    assert exponent(flow, galaxy, starts, (5e3, 5e5)) < FASTEST
-
-
 # --- hard cases with a closed form or a published result, for all explicit adaptive methods of order 5 or more ---
 
 
@@ -235,16 +226,6 @@ def test_the_threshold_of_kapitzas_pendulum(method: str) -> None:
     threshold = brentq(lambda q: mathieu_a(0, q) + 4 * g / omega**2, 1e-3, 0.8, xtol=1e-15) / 2
     assert brentq(trace, 0.1, 0.4, xtol=1e-15) == pytest.approx(threshold, rel=1e-10)
     assert threshold == pytest.approx(math.sqrt(2 * g) / omega, rel=0.02)  # a^2 omega^2 = 2 g l, to leading order
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("method", METHODS)
-def test_a_lower_bob_that_weighs_nothing_is_not_felt(method: str) -> None:
-    chain = shared_scene("double-pendulum")
-    run = chain.run(10.0, {"theta1": 1.0, "theta2": 2.0}, parameters={"m2": 1e-12}, method=method, **TIGHT).require()
-    k2 = math.sin(0.5) ** 2
-    alone = 2 * math.asin(math.sqrt(k2) * ellipj(float(ellipk(k2)) - math.sqrt(9.81) * 10.0, k2)[0])
-    assert run["theta1"][-1] == pytest.approx(alone, abs=1e-9)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -416,7 +397,7 @@ def test_a_motion_is_the_same_in_all_units(name: str, method: str) -> None:
     assert np.array_equal(here, there)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "method"), [*product(("orbit", "driven from rest", "plucked chain"), THEIRS)])
 def test_solvers_of_other_packages_have_the_same_errors_in_all_units(name: str, method: str) -> None:
     skip_without(method)
@@ -498,15 +479,12 @@ def test_multipliers_may_be_unknowns_in_all_units() -> None:
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_accelerations_of_rods_are_the_same_in_all_units(seed: int, target: str) -> None:
-    draw = random.Random(2000 + seed)
-    mass, length, time = (10.0 ** draw.uniform(-FAR, FAR) for _ in range(3))
-    plain, _ = rods(random.Random(seed), (1.0, 1.0, 1.0))
-    second, _ = rods(random.Random(seed), (mass, length, time))
+    (plain, _), (scaled, unit) = rods(random.Random(seed), (1.0, 1.0, 1.0)), in_units(seed)
     expected, result = (
-        first.compile(target, check=False).rhs(0.0, list(first.statement.initial)) for first in (plain, second)
+        each.compile(target, check=False).rhs(0.0, list(each.statement.initial)) for each in (plain, scaled)
     )
     # A light body is accelerated by forces that are a thousand times as large: 1e3 of 1e-16.
-    assert result * time**2 / length == pytest.approx(expected, abs=1e-11 * max(1.0, np.abs(expected).max()))
+    assert result / unit == pytest.approx(expected, abs=1e-11 * max(1.0, np.abs(expected).max()))
 
 
 def in_units(seed: int) -> tuple[lg.System, float]:

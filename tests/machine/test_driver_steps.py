@@ -254,7 +254,7 @@ def four_bar() -> Model:
     return compile_model(load("four-bar"), euler_lagrange(load("four-bar")))
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "name", [name for name in (*SLOPES, *CONTROLLED, *STEPPED) if name not in CONSTRAINED + SPLITTINGS]
 )

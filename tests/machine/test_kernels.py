@@ -332,6 +332,7 @@ def test_many_angles_share_a_function() -> None:
     np.testing.assert_allclose(jets[1].rows(6, 0.0, y, 0.01, none), expected, rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("quantity", ["jacobian", "mass_matrix"])
 def test_zeros_of_matrices_take_no_code_in_batches(quantity: str) -> None:
     """Twice the masses have twice the nonzero entries, so the kernel over columns is twice as long."""

@@ -184,7 +184,7 @@ HARDER: list[tuple[str, int, tuple[float, float], dict[str, float]]] = [
 """Bounds of steps, tolerances, and steps that are rejected."""
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("name", "order", "tolerances", "bounds"), HARDER)
 def test_all_machines_keep_to_the_same_bounds_and_tolerances_and_reject_the_same_steps(
     name: str, order: int, tolerances: tuple[float, float], bounds: dict[str, float]
@@ -247,6 +247,7 @@ def ran(model: Any, method: str, **options: Any) -> list[bytes]:
 RUNS = {"taylor": {"rtol": 1e-9}, "dop853": {"rtol": 1e-12}, "rk4": {"step": 0.01}, "radau5": {"rtol": 1e-6}}
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", RUNS)
 @pytest.mark.parametrize("watched", [False, True])
 def test_code_that_is_compiled_well_gives_the_same_bits(

@@ -32,6 +32,7 @@ def run(folder: Path, **options: Any) -> lg.Ensemble:
     return lg.ensemble(lg.scene("pendulum"), 1.0, {"theta": [0.1, 0.2]}, store=folder, **options)
 
 
+@pytest.mark.slow
 def test_a_store_that_another_process_writes_to_is_refused_until_that_ends(tmp_path: Path) -> None:
     folder = tmp_path / "runs.zarr"
     run(folder)

@@ -146,8 +146,9 @@ def numbers(count: int) -> st.SearchStrategy[list[Fraction]]:
     return st.lists(st.fractions(-2, 2, max_denominator=64), min_size=count, max_size=count)
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize(("n", "examples"), [(1, 15), (2, 10), (3, 5)])
+@pytest.mark.parametrize(
+    ("n", "examples"), [(1, 15), *(pytest.param(*row, marks=pytest.mark.slow) for row in ((2, 10), (3, 5)))]
+)
 def test_random_lagrangians_agree_with_lagranges_method(n: int, examples: int, share: Share) -> None:
     # An example costs a tenth of a second and more: shrinking one would take minutes.
     @settings(max_examples=share(examples), phases=[Phase.explicit, Phase.reuse, Phase.generate])

@@ -70,6 +70,7 @@ def test_the_observed_order_is_the_claimed_one(method: str, name: str) -> None:
     assert order == pytest.approx(find(method).claims.order, abs=0.2), kept
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", SYSTEMS)
 @pytest.mark.parametrize("method", HOLONOMIC)
@@ -99,6 +100,7 @@ def test_constraints_that_become_dependent_are_told(method: str, target: str) ->
     assert "the constraints 'first' and 'second' are dependent at t = " in result.message
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_the_path_between_steps_leads_to_events(method: str, target: str) -> None:

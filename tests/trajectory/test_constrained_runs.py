@@ -265,6 +265,7 @@ ALONE = pendulum({"rod": ROD})
 TWICE = pendulum({"rod": ROD, "twice": 2 * ROD, "rate": x * x.dot + y * y.dot}, redundant="allow")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_the_motion_is_that_of_independent_constraints(method: str, target: str) -> None:

@@ -43,7 +43,7 @@ from tests.trajectory.runs import (
 # --- claims ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ADAPTIVE)
 def test_errors_follow_the_tolerance(name: str) -> None:
     compiled = model("double pendulum")

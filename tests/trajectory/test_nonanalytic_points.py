@@ -97,6 +97,7 @@ SQUARE = x**2 - 2 * x * y + y**2
 """The square of x - y, which is not a square to see."""
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("force", [-(sqrt(SQUARE) - 1) * (x - y) / sqrt(SQUARE), -(x - y) * (1 - 1 / sqrt(SQUARE))])
 def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
     """The ends of a spring of length 1 pass through each other, and its force changes sign.

@@ -315,6 +315,7 @@ def test_a_watched_run_is_that_of_a_model_that_has_kept_nothing(
         )
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("events", WATCHED)
 @pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2"])
 def test_threads_share_a_model(name: str, events: str) -> None:
