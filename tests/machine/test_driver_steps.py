@@ -270,7 +270,6 @@ def test_the_projection_leaves_nothing_behind_the_entries_of_a_vector(name: str)
 
 
 # --- decisions of Newton's method after a correction: converged, continue, update the matrix, or give up -------
-# --- decisions of Newton's method: converged, continue, update the matrix, or give up --------------------------
 
 
 FRESH, FAR = 1, 100
@@ -308,17 +307,10 @@ class Solve:
         return VERDICTS[self.outcome(iteration, norm, previous, since)]
 
 
-def newton(*, adaptive: bool = False, rate: float = 0.1, noise: float = 1.0, age: int = 0) -> Solve:
-    return Solve(adaptive=adaptive, rate=rate, noise=noise, age=age)
-
-
 def renewed(result: Solve) -> bool:
     """Return whether the next correction, or the next step, updates the matrix and the derivative."""
     assert (result.known.matrix_step == 0.0) == (not result.known.differentiated)
     return bool(result.known.matrix_step == 0.0)
-
-
-# --- enough ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("adaptive", "bound"), [(False, ROUND_OFF_FRACTION), (True, TOLERANCE_FRACTION)])
@@ -329,8 +321,8 @@ def test_what_is_left_is_the_rest_of_a_geometric_series(
     """The ratio of a first correction is that of the previous step; later ratios are measured."""
     rate = 0.2
     norm = part * bound * (1 - rate) / rate
-    assert newton(adaptive=adaptive, rate=rate).enough(0, norm, 0.0, FAR) is enough
-    result = newton(adaptive=adaptive, rate=0.9, noise=1.0)
+    assert Solve(adaptive=adaptive, rate=rate).enough(0, norm, 0.0, FAR) is enough
+    result = Solve(adaptive=adaptive, rate=0.9, noise=1.0)
     assert result.enough(1, norm, norm / rate, FAR) is (enough or (not adaptive and norm / rate <= 1))
     if enough:
         assert result.known.rate == pytest.approx(rate)
@@ -338,25 +330,25 @@ def test_what_is_left_is_the_rest_of_a_geometric_series(
 
 def test_two_corrections_in_a_row_are_round_off() -> None:
     for norm, previous, enough in ((0.9, 0.95, True), (0.9, 1.1, False), (1.1, 0.95, False)):
-        assert newton().enough(1, norm, previous, 0) is enough
-        assert newton(noise=2.0).enough(1, 2 * norm, 2 * previous, 0) is enough
-        assert newton(adaptive=True).enough(1, norm / 2, norm, 0) is False
-    assert newton(rate=0.9).enough(0, 0.9, 0.0, 0) is False, "there is no correction before the first"
+        assert Solve().enough(1, norm, previous, 0) is enough
+        assert Solve(noise=2.0).enough(1, 2 * norm, 2 * previous, 0) is enough
+        assert Solve(adaptive=True).enough(1, norm / 2, norm, 0) is False
+    assert Solve(rate=0.9).enough(0, 0.9, 0.0, 0) is False, "there is no correction before the first"
 
 
 def test_a_rate_that_is_not_measured_ages() -> None:
     for before, after in ((0.1, 0.1 * RATE_INCREASE), (0.85, LARGEST_RATE)):
-        result = newton(rate=before)
+        result = Solve(rate=before)
         assert result.enough(0, 1e-6, 0.0, FAR)
         assert result.known.rate == pytest.approx(after)
-    result = newton()
+    result = Solve()
     assert result.enough(1, 1e-9, 1.0, FAR)
     assert result.known.rate == LEAST_RATE
 
 
 def test_noise_is_forgotten_down_to_one() -> None:
     for before, after in ((5.0, 5.0 * NOISE_DECAY), (1.05, 1.0), (1.0, 1.0)):
-        result = newton(noise=before)
+        result = Solve(noise=before)
         assert result.enough(0, 1e-6, 0.0, FAR)
         assert result.known.noise == pytest.approx(after)
 
@@ -373,7 +365,7 @@ def test_noise_is_forgotten_down_to_one() -> None:
     ],
 )
 def test_a_step_of_many_corrections_or_an_old_matrix_wants_a_new_one(iteration: int, age: int, new: bool) -> None:
-    result = newton(age=age)
+    result = Solve(age=age)
     assert result.enough(iteration, 1e-6, 1e-3, FAR)
     assert result.known.age == age + 1 and renewed(result) is new
 
@@ -382,21 +374,18 @@ def test_a_step_of_many_corrections_or_an_old_matrix_wants_a_new_one(iteration: 
     ("iteration", "rate", "new"), [(0, 0.1, False), (1, 2 * FRESH_RATE, True), (1, FRESH_RATE / 2, False)]
 )
 def test_where_steps_follow_the_error_a_slow_step_wants_a_new_matrix(iteration: int, rate: float, new: bool) -> None:
-    result = newton(adaptive=True)
+    result = Solve(adaptive=True)
     assert result.enough(iteration, 1e-6, 1e-6 / rate, FAR)
     assert renewed(result) is new
-
-
-# --- not enough -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rate", [SLOW_RATE / 2, 2 * SLOW_RATE, 1.5])
 def test_corrections_that_shrink_slowly_want_a_new_matrix_where_it_is_old(rate: float) -> None:
     for since, old in ((0, False), (FRESH, False), (MATRIX_AGE - 1, False), (MATRIX_AGE, True), (FAR, True)):
-        result = newton()
+        result = Solve()
         assert not result.enough(1, 2 * STAGNATION_NORM, 2 * STAGNATION_NORM / rate, since)
         assert renewed(result) is (old and rate > SLOW_RATE)
-        assert not newton(rate=rate).enough(0, 2 * STAGNATION_NORM, 0.0, since), "nothing is measured by the first"
+        assert not Solve(rate=rate).enough(0, 2 * STAGNATION_NORM, 0.0, since), "nothing is measured by the first"
 
 
 def test_with_a_new_matrix_small_corrections_that_stall_are_round_off() -> None:
@@ -409,10 +398,10 @@ def test_with_a_new_matrix_small_corrections_that_stall_are_round_off() -> None:
         (0.9 * STAGNATION_RATE, STAGNATION_NORM / 2, FRESH, False),
         (3 * DIVERGENCE_GROWTH, STAGNATION_NORM / 2, FRESH, True),
     ):
-        result = newton()
+        result = Solve()
         assert result.enough(1, norm, norm / rate, since) is enough
         assert result.known.noise == (2 * norm if enough else 1.0)
-        assert not newton(adaptive=True).enough(1, norm, norm / min(rate, 0.8), since)
+        assert not Solve(adaptive=True).enough(1, norm, norm / min(rate, 0.8), since)
 
 
 def test_with_a_new_matrix_large_corrections_that_grow_have_no_end() -> None:
@@ -424,16 +413,16 @@ def test_with_a_new_matrix_large_corrections_that_grow_have_no_end() -> None:
         (0.9 * DIVERGENCE_GROWTH, 2 * STAGNATION_NORM, FRESH, False),
     ):
         if hopeless:
-            assert newton().outcome(1, norm, norm / rate, since) is Outcome.DIVERGED
+            assert Solve().outcome(1, norm, norm / rate, since) is Outcome.DIVERGED
         else:
-            assert not newton().enough(1, norm, norm / rate, since)
+            assert not Solve().enough(1, norm, norm / rate, since)
 
 
 def test_where_steps_follow_the_error_slow_corrections_want_a_shorter_one() -> None:
     for rate in (1.1 * DIVERGENCE_RATE, 5.0, np.nan):
-        assert newton(adaptive=True).outcome(1, 100.0, 100.0 / rate, FRESH) is Outcome.DIVERGED
-    assert not newton(adaptive=True).enough(1, 100.0, 100.0 / (0.9 * DIVERGENCE_RATE), FRESH)
-    assert not newton(adaptive=True, rate=5.0).enough(0, 100.0, 0.0, FRESH)
+        assert Solve(adaptive=True).outcome(1, 100.0, 100.0 / rate, FRESH) is Outcome.DIVERGED
+    assert not Solve(adaptive=True).enough(1, 100.0, 100.0 / (0.9 * DIVERGENCE_RATE), FRESH)
+    assert not Solve(adaptive=True, rate=5.0).enough(0, 100.0, 0.0, FRESH)
 
 
 # --- matrix ---------------------------------------------------------------------------------------------------
@@ -521,9 +510,6 @@ EVERY = (*IMPLICIT, *OWN)
 
 def method_of(name: str) -> ImplicitMethod:
     return OWN[name] if name in OWN else implicit(name)
-
-
-# --- tests ----------------------------------------------------------------------------------------------------
 
 
 class Steps:

@@ -22,7 +22,7 @@ def models(target: str) -> tuple[Any, Any]:
     return system.compile(target), system.substitute(VALUES).compile(target)
 
 
-@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize("target", [pytest.param("llvm", marks=pytest.mark.slow), "numpy"])
 def test_an_input_with_the_values_of_a_function_gives_what_the_function_gives(target: str) -> None:
     opened, valued = models(target)
     for t in (0.0, 0.4, 2.5):

@@ -139,11 +139,11 @@ def test_quick_calls_outlive_their_kernel_and_count_what_they_hold(model: Model)
     gc.collect()
     assert quick is not None
     held, nothing = sys.getrefcount(STATE), sys.getrefcount(None)
-    for _ in range(10_000):
+    for _ in range(2_000):
         quick.whole(0.0, bad)
         result = quick.whole(0.0, STATE)
     assert result is not None and np.array_equal(result, expected) and sys.getrefcount(result) == 2
-    assert sys.getrefcount(STATE) == held and abs(sys.getrefcount(None) - nothing) < 1000
+    assert sys.getrefcount(STATE) == held and abs(sys.getrefcount(None) - nothing) < 200
 
 
 # --- overflow -------------------------------------------------------------------------------------------------
@@ -447,8 +447,8 @@ def test_a_light_body_tied_to_a_heavy_one_has_its_acceleration(light: float, tar
 # --- solve groups ---------------------------------------------------------------------------------------------
 # Systems with one factored matrix, solved together: the same to the last bit as one by one, and less work.
 
-ORDERS = (2, 3, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in (6, 12)))
-"""Of these 6 and 12 are written in loops, as 7 is, and take the longest to compile."""
+ORDERS = (2, 3, *(pytest.param(n, marks=pytest.mark.slow) for n in (6, 7, 12)))
+"""Of these 6, 7 and 12 are written in loops, and take the longest to compile."""
 WIDTH = 9
 
 

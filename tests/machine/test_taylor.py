@@ -211,7 +211,7 @@ def test_random_systems(T: Any, V: Any, Q: Any, A: Any) -> None:
     statement = stated(lagrangian=T - V + A * x.dot, forces={x: Q, y: sp.cos(t) - y.dot}, coordinates=[x, y])
     program, _ = series_program(euler_lagrange(statement))
     state = np.array([0.3, -0.4, 0.2, 0.5])
-    for lanes, order in ((2, 6), (4, 0), (8, 10)):
+    for lanes, order in ((2, 6), (8, 0)):
         assert_same_rows(CompiledJet(pack(program, lanes), order), order or 12, 0.3, state, np.empty(0))
 
 

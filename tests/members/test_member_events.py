@@ -429,6 +429,7 @@ def test_the_search_finds_the_largest_value_of_any_shape(
     assert best == pytest.approx(shape(peak), rel=0, abs=allowed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["taylor", pytest.param("dop853", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("watched", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_optimized_code_gives_the_bits_of_the_quick_code(

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from tests.members.store_files import files
 
 zarr = pytest.importorskip("zarr")
 
-GRID = lg.grid({"x": (-0.6, 0.6, 20), "y": (-0.3, 0.3, 12)})
+GRID = lg.grid({"x": (-0.6, 0.6, 12), "y": (-0.3, 0.3, 8)})
 
 
 def run(**options: Any) -> lg.Ensemble:
@@ -31,33 +32,40 @@ def whole() -> lg.Ensemble:
     return run()
 
 
-@pytest.fixture(autouse=True)
-def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(store, "LARGEST_BLOCK", 37)
+@pytest.fixture(autouse=True, scope="module")
+def _small_blocks() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as small:
+        small.setattr(store, "LARGEST_BLOCK", 37)
+        yield
 
 
-def test_a_store_has_what_memory_has(whole: lg.Ensemble, tmp_path: Path) -> None:
-    runs = run(store=tmp_path / "runs.zarr")
-    assert columns(runs) == columns(whole) and np.array_equal(runs.y, whole.y)
-    again = run(store=tmp_path / "runs.zarr")
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the store of all members. Tests must not change it."""
+    folder = tmp_path_factory.mktemp("stored") / "runs.zarr"
+    run(store=folder)
+    return folder
+
+
+def test_a_store_has_what_memory_has(whole: lg.Ensemble, stored: Path) -> None:
+    again = run(store=stored)
     assert columns(again) == columns(whole) and again.form == "all members were stored"
-    group = zarr.open_group(str(tmp_path / "runs.zarr"), mode="r")
+    assert np.array_equal(again.y, whole.y)
+    group = zarr.open_group(str(stored), mode="r")
     assert np.array_equal(group["x_end"][:], whole.y[0]) and np.array_equal(group["x_start"][:], whole.given("x"))
     assert group.attrs["statuses"][int(group["status"][0])] == whole.status[0].value
 
 
-def test_xarray_opens_a_store(tmp_path: Path, whole: lg.Ensemble) -> None:
+def test_xarray_opens_a_store(stored: Path, whole: lg.Ensemble) -> None:
     xarray = pytest.importorskip("xarray")
-    run(store=tmp_path / "runs.zarr")
-    with xarray.open_zarr(str(tmp_path / "runs.zarr"), consolidated=False) as data:
+    with xarray.open_zarr(str(stored), consolidated=False) as data:
         assert np.array_equal(data["y_end"].to_numpy(), whole.y[1]) and data["y_end"].dims == ("member",)
 
 
 def test_a_call_goes_on_where_another_one_stopped(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, everything: bool
+    tmp_path: Path, stored: Path, monkeypatch: pytest.MonkeyPatch, everything: bool
 ) -> None:
     """Stored members do not run again, and the files are the same."""
-    run(store=tmp_path / "whole.zarr")
     blocks = -(-len(GRID) // 37)
     written: list[int] = []
     write = store.StoredResults.write
@@ -76,13 +84,11 @@ def test_a_call_goes_on_where_another_one_stopped(
     stops_at = -1
     run(store=tmp_path / "runs.zarr")
     assert sorted(written) == list(range(blocks))
-    assert files(tmp_path / "runs.zarr") == files(tmp_path / "whole.zarr")
+    assert files(tmp_path / "runs.zarr") == files(stored)
 
 
-def test_a_store_of_something_else_is_left_as_it_is(tmp_path: Path) -> None:
-    target = tmp_path / "runs.zarr"
-    run(store=target)
-    before = files(target)
+def test_a_store_of_something_else_is_left_as_it_is(tmp_path: Path, stored: Path) -> None:
+    before = files(stored)
     remedy = "It was left as it is: give another store, or repeat the call that made it."
     for options, text in (
         ({"rtol": 1e-8}, "differs in rtol: rtol was None and is 1e-08"),
@@ -90,38 +96,34 @@ def test_a_store_of_something_else_is_left_as_it_is(tmp_path: Path) -> None:
         ({"parameters": {}, "t_eval": [1.0]}, "differs in t_eval"),
     ):
         with pytest.raises(lg.StatementError) as refusal:
-            run(store=target, **options)
+            run(store=stored, **options)
         assert text in str(refusal.value) and str(refusal.value).endswith(remedy)
     with pytest.raises(lg.StatementError, match=r"differs in statement \(its name, about, .*potential"):
-        lg.ensemble(lg.scene("kepler"), 8.0, GRID, keep=("end", "counts"), store=target)
+        lg.ensemble(lg.scene("kepler"), 8.0, GRID, keep=("end", "counts"), store=stored)
     (tmp_path / "other").mkdir()
     for other in (tmp_path / "other", Path(__file__)):
         with pytest.raises(lg.StatementError, match="is not a store of an ensemble"):
             run(store=other)
-    assert files(target) == before
+    assert files(stored) == before
 
 
 def test_arrays_that_differ_late_are_another_ensemble(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(store, "LARGEST_BLOCK", 2**16)
     values = np.zeros(70_000)
 
-    def stored() -> None:
+    def store_members() -> None:
         lg.ensemble(lg.scene("pendulum"), 1e-3, {"theta": values}, method="euler", step=1e-3, store=tmp_path / "a.zarr")
 
-    stored()
+    store_members()
     values[-1] = 1.0
     with pytest.raises(lg.StatementError, match="differs in values"):
-        stored()
-
-
-def kill(pid: int) -> None:
-    os.kill(pid, signal.SIGKILL)
+        store_members()
 
 
 def test_a_worker_that_is_killed_is_told() -> None:
     with ProcessPoolExecutor(1) as processes:
         pid = processes.submit(os.getpid).result()
-        kill(pid)
+        os.kill(pid, signal.SIGKILL)
         with pytest.raises(lg.RunError, match="the executor failed"):
             run(executor=processes)
 

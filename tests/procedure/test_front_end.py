@@ -103,14 +103,6 @@ CASES: dict[str, tuple[Plain[Any, Any], dict[str, Any], Callable[[int], list[Any
 }
 
 
-@procedure
-def shifted(a: Out) -> None:
-    """Copy each entry to the next one, with a wrong promise that both parts of the array are disjoint."""
-    ahead = a[1:]
-    for i in each(7, disjoint=True):
-        ahead[i] = a[i]
-
-
 def in_reverse(procedure: Procedure) -> Procedure:
     """Return a procedure whose `each` loops without reductions run from the last iteration to the first."""
     unused = count(max((ref for statement in walk(procedure.body) for ref in defined(statement)), default=0) + 1000)
@@ -413,24 +405,10 @@ def test_what_is_read_is_defined_once(seed: int, tmp_path: Path) -> None:
     assert {ref for statement in walk(procedure.body) for ref in operands(statement)} <= set(made)
 
 
-# --- local records --------------------------------------------------------------------------------------------
-# A record of a procedure's own: its fields are zero at first, and other procedures may write them.
-
 # --- random functions -----------------------------------------------------------------------------------------
 # Random plain procedures: the interpreter, with loops in any order, and machine code agree.
 
 INPUTS = [(0.75, -1.5, 2), (math.nan, 1.0, 0), (-math.inf, 0.0, 7), (1e-308, 1e308, -3)]
-
-
-def test_iterations_that_depend_on_one_another_differ_in_reverse() -> None:
-    """`disjoint` promises that parts do not overlap, which these two do."""
-
-    form = shifted.form()
-    a, b = np.arange(8.0), np.arange(8.0)
-    run(form, a)
-    run(in_reverse(form), b)
-    assert a.tolist() == [0.0] * 8
-    assert b.tolist() == [0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 
 
 @pytest.mark.few(4)
