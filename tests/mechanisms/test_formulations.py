@@ -13,7 +13,7 @@ from lagrange.machine.model import Model
 from lagrange.statement.declare import declare
 from lagrange.trajectory.run import flow
 from tests.covering import Share
-from tests.mechanisms.formulation import Formulation, four_bar_ladder
+from tests.mechanisms.formulation import Formulation
 from tests.mechanisms.scenes import FORMULATIONS
 from tests.models import loaded
 
@@ -221,14 +221,3 @@ def test_the_slider_crank_ends_as_published() -> None:
     """Five digits of idasSlCrank_dns in SUNDIALS, run there at a tolerance of 1e-6."""
     q, x, p = end("slider-crank")[:3]
     assert (q, x, p) == pytest.approx((1.2757, 1.0236, -0.49881), abs=5.1e-5)
-
-
-def test_the_ladder_of_two_loops_is_the_scene() -> None:
-    """For two loops the ladder equals the scene of the library."""
-    made, scene = model_of(four_bar_ladder(2), machine("llvm")), model_with("four-bar-ladder")
-    start = np.array(loaded("four-bar-ladder").initial)
-    assert np.array(made.statement.initial) == pytest.approx(start)
-    assert made.accelerations(start[:6], start[6:]) == pytest.approx(
-        scene.accelerations(start[:6], start[6:]), abs=1e-12
-    )
-    assert made.multipliers(start[:6], start[6:]) == pytest.approx(scene.multipliers(start[:6], start[6:]), abs=1e-12)

@@ -208,26 +208,6 @@ def test_a_root_in_the_forces_is_watched_in_lanes_too(monkeypatch: pytest.Monkey
     agree(together, alone)
 
 
-@pytest.mark.slow
-def test_an_event_between_two_explicit_steps_ends_the_run_at_the_accepted_state(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """v = 3 - 10 t is zero at t = 0.3 for all members, exactly at the end of a step of 0.1."""
-    (y,) = ball().coordinates
-    given: dict[str, Any] = {"method": "rk4", "step": 0.1, "t_eval": [0.1, 0.25, 0.3, 0.35]}
-    given |= {
-        "events": [lg.event(y.dot, terminal=True)],
-        "keep": ("end", "counts", "events", ("max", y), ("mean", y.dot)),
-    }
-    together = lg.ensemble(ball(), 1.0, {"y": np.linspace(0.0, 2.0, 9)}, **given)
-    with without_lanes(monkeypatch):
-        agree(together, lg.ensemble(ball(), 1.0, {"y": np.linspace(0.0, 2.0, 9)}, workers=1, **given), method="rk4")
-    assert "side by side" in together.form and set(together.status) == {lg.Status.EVENT}
-    assert np.allclose(together.results.column("t_end"), 0.3, rtol=4e-16, atol=0)
-    assert np.allclose(together["max(y)"], np.linspace(0.0, 2.0, 9) + 0.45, rtol=1e-15, atol=0)
-    assert np.allclose(together["mean(y_dot)"], 1.5, rtol=1e-15, atol=0)
-
-
 def test_resets_and_implicit_methods_are_runs_one_after_the_other() -> None:
     (y,) = ball().coordinates
     bounce = lg.event(y, direction=-1, reset={y.dot: -0.5 * y.dot})

@@ -242,10 +242,6 @@ def test_one_force_on_several_coordinates_whose_momenta_add_up(sign: int, order:
     assert rows[1] == pytest.approx(expected, rel=1e-13, abs=1e-13)
 
 
-# --- series order ---------------------------------------------------------------------------------------------
-# The order of a step, without round-off: the error of one step of order p goes like h^(p+1).
-
-
 # --- steps as programs: the operations of a step function are recorded exactly, and others are refused ---------
 
 

@@ -25,7 +25,6 @@ from lagrange.trajectory.methods.splitting import Splitting, composition
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status
 from tests.models import SYSTEMS, TARGETS, B, build, g, k, l, m, model, x, y
-from tests.series_systems import relative
 from tests.trajectory.runs import (
     ADAPTIVE,
     EQUAL,
@@ -445,19 +444,6 @@ def test_the_error_is_what_was_asked_for(name: str, end: float, target: str) -> 
         result = run(model(name, target), end, "taylor", rtol=rtol, atol=rtol)
         assert result.status is Status.SUCCESS and result.rejected == 0
         assert np.abs(result.y[:, -1] - expected).max() < 20 * max(rtol, 2e-15) * size, rtol
-
-
-def test_a_system_in_loops() -> None:
-    """A chain in seven relative angles has a full mass matrix, which is inverted at each step."""
-    given = relative(7)
-    compiled = build(
-        lagrangian=given.lagrangian,
-        coordinates=list(given.coordinates),
-        initial=dict(zip((*given.coordinates, *given.velocities), given.initial, strict=True)),
-    )
-    assert compiled.series()[0].form(20) == "in loops"
-    result = run(compiled, 1.0, "taylor", rtol=1e-13, atol=1e-13)
-    assert result.y[:, -1] == pytest.approx(exact(compiled, 1.0).y[:, -1], abs=1e-9)
 
 
 # --- long runs ------------------------------------------------------------------------------------------------

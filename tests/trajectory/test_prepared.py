@@ -63,17 +63,6 @@ def oscillator() -> Model:
     return build("llvm", kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={m: 1, k: 1}, initial={x: 1.0})
 
 
-@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "radau5"])
-def test_after_a_run_that_failed(method: str) -> None:
-    """After a failed run, a run with other values succeeds."""
-    compiled = build("llvm", kinetic=m * x.dot**2 / 2, potential=-2 * k * x**3, parameters={m: 1, k: 1})
-    options: dict[str, Any] = {"step": 0.01} if method == "rk4" else {}
-    good = run(compiled, 0.1, method, initial={x: 1.0}, **options)
-    assert not run(compiled, 50.0, method, initial={x: 1.0, x.dot: 2.0}, **options).status.complete
-    assert not list(compiled.prepared.values())[-1].idle
-    assert same(run(compiled, 0.1, method, initial={x: 1.0}, **options), good)
-
-
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_a_second_run_with_the_same_events_plans_nothing(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The resets of a plan contain its parameters, so other parameters need another plan."""
