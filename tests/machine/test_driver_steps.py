@@ -188,6 +188,7 @@ def test_both_machines_decide_alike(name: str, system: str) -> None:
             assert outcome in (Outcome.DONE, Outcome.PAUSED)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("which", "value"), [("LONGEST", 0.013), ("H", 0.5), ("H", 1e-7), ("PREVIOUS", 1e-3)])
 @pytest.mark.parametrize("name", ["dopri5", "dop853", "verner9", "radau5", "radau3"])
 def test_both_machines_keep_to_the_same_bounds(name: str, which: str, value: float) -> None:

@@ -67,6 +67,7 @@ def backward_error(a: Any, x: Any, b: Any) -> float:
     return float(np.max(np.abs(a @ x - b) / (np.abs(a) @ np.abs(x) + np.abs(b))))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("where", ["state", "parameters"])
 @pytest.mark.parametrize("kind", REGULAR, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("target", TARGETS)

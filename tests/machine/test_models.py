@@ -48,6 +48,7 @@ def test_both_machines_give_the_same_for_every_quantity_and_element(name: str) -
             assert compiled == pytest.approx(reference, rel=1e-11, abs=1e-11), quantity
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_columns_are_the_states_one_by_one(name: str, target: str) -> None:

@@ -105,6 +105,7 @@ def assert_same_rows(kernel: CompiledJet, order: int, t: float, state: Any, give
     assert np.isfinite(theirs).all() and (np.abs(ours - theirs) / top).max() < 1e-11
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", ALL)
 def test_written_out(name: str, lanes: int) -> None:
@@ -526,6 +527,7 @@ def alone(procedure: Procedure, member: Any) -> list[Any]:
     return [bits(item) for item in (*plain, *map(float, data[:SIZE]), kept.x, kept.count)]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("lanes", [2, 4, 8])
 @pytest.mark.parametrize("seed", range(60))
 def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int, tmp_path: Path) -> None:

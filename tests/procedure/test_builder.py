@@ -293,6 +293,7 @@ def assert_same_rows(statement: Statement, program: SeriesProgram, form: str, or
     assert np.isfinite(theirs).all() and (np.abs(ours - theirs) / top).max() < 1e-11
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_series_are_those_of_the_machines(name: str, form: str) -> None:

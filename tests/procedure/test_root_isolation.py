@@ -68,7 +68,7 @@ def outcome(isolate: Callable[..., Any], case: Case, room: int = MOST_ROOTS) -> 
     return tuple(map(int, result)), times[:met].tolist(), rising[:met].tolist()
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(8))
 def test_python_decides_as_machine_code_does(seed: int) -> None:
     """Roots differ by the effect of rounded products."""
@@ -121,6 +121,7 @@ def told(machine: Any, c: Any, s: float, sign: int, noise: float) -> tuple[int, 
     return answer, s * float(machine.called(only_passage.form())(terms, slopes, sums, order, answer))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("machine", MACHINES, ids=("llvm", "numpy"))
 @pytest.mark.parametrize("seed", range(2))
 def test_the_only_zero_is_the_one_that_isolation_finds(machine: Any, seed: int) -> None:

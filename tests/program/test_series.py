@@ -187,7 +187,7 @@ CASES: dict[str, Callable[[], Statement]] = {
 }
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", CASES)
 def test_every_form_gives_the_motion(name: str) -> None:
     """All forms are right: momentum form, expanded and by parts, with rates of sums whole or separate."""
@@ -434,6 +434,7 @@ def displaced(seed: int, size: float) -> FloatArray:
     return y + size * np.random.default_rng(seed).normal(size=len(y))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_is_left_is_the_square_of_the_violation(seed: int, target: str) -> None:

@@ -17,7 +17,7 @@ from lagrange.trajectory.ending_messages import UNPROJECTED
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.runge_kutta import RungeKutta
 from tests.mechanisms.formulation import SEEDS, compiled
-from tests.models import TARGETS, g, l, m, phi, shared_scene, theta, x, y, z
+from tests.models import LLVM_FIRST, TARGETS, g, l, m, phi, shared_scene, theta, x, y, z
 from tests.refusals import refusal
 from tests.systems import rod_pendulum
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, OUTSIDE, SPLITTINGS, UNCONSTRAINED
@@ -109,6 +109,7 @@ def test_random_mechanisms_stay_on_their_constraints(seed: int, target: str) -> 
         assert solution.constraint_error.max() < ROUNDED
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["rk4", "bs3", "dopri5", "tsit5", "verner9", "dop853"])
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_each_step_is_that_of_the_method_from_the_projected_state_and_then_projected(name: str, target: str) -> None:
@@ -266,7 +267,7 @@ TWICE = pendulum({"rod": ROD, "twice": 2 * ROD, "rate": x * x.dot + y * y.dot}, 
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_the_motion_is_that_of_independent_constraints(method: str, target: str) -> None:
     result, expected = (system.run(3.0, method=method, target=target) for system in (TWICE, ALONE))

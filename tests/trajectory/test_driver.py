@@ -73,6 +73,7 @@ def test_the_count_is_honest(name: str, monkeypatch: pytest.MonkeyPatch) -> None
 # --- time -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_backward_is_forward_in_a_mirror(name: str, target: str) -> None:
@@ -151,7 +152,7 @@ def test_parameters_as_an_array_with_any_method(method: str) -> None:
             flow([1.0, 0.0], 0.0, 1.0, wrong)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2", "scipy-rk45", "scipy-lsoda"])
 def test_threads_share_a_flow_from_its_first_call_with_parameters_of_their_own(method: str) -> None:
     """Results equal those of calls one after the other; threads have other states, parameters and directions."""

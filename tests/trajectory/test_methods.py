@@ -24,7 +24,7 @@ from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.splitting import Splitting, composition
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status
-from tests.models import SYSTEMS, TARGETS, B, build, g, k, l, m, model, x, y
+from tests.models import LLVM_FIRST, SYSTEMS, TARGETS, B, build, g, k, l, m, model, x, y
 from tests.trajectory.runs import (
     ADAPTIVE,
     EQUAL,
@@ -253,6 +253,7 @@ def test_with_a_constant_mass_matrix_a_variational_method_is_a_known_one(name: s
 # --- claims ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("system", ["pendulum", "double pendulum", "elastic pendulum", "Henon-Heiles"])
 @pytest.mark.parametrize("name", EQUAL)
 def test_what_claims_to_conserve_energy_does_and_the_rest_does_not(name: str, system: str) -> None:
@@ -308,7 +309,7 @@ def test_a_stage_costs_few_evaluations(name: str, step: float, target: str) -> N
 # --- units, stiffness, round-off ------------------------------------------------------------------------------
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", EQUAL)
 def test_units_do_not_matter(name: str) -> None:
     """Lengths and times in units from 1e-30 to 1e30 give the same corrections and the same result."""
@@ -345,7 +346,7 @@ def test_a_step_without_a_solution_is_told(target: str) -> None:
     assert result.message.endswith("smooth the jump, such as by tanh(v/0.001).")
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 @pytest.mark.parametrize("name", EQUAL)
 def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
     """v' = v^2 and x'' = 6x^2 have a pole at t = 1. The mass x^2 is zero at x = 0, which is reached at t = 0.5.
@@ -400,7 +401,7 @@ def test_a_mass_matrix_that_becomes_singular_is_told(name: str, target: str) -> 
 # --- of one's own ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 def test_a_method_of_ones_own(target: str) -> None:
     """A user's method: Alexander's two-stage singly diagonally implicit method of order 2, with two solves."""
     gamma = 1 - 0.5**0.5

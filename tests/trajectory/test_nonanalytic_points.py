@@ -21,7 +21,7 @@ from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.models import TARGETS, build, x, y, z
+from tests.models import LLVM_FIRST, TARGETS, build, x, y, z
 from tests.trajectory.runs import checked_run
 
 G, C = 9.81, 0.1
@@ -42,7 +42,7 @@ def fallen(time: Any) -> Any:
     return -(LIMIT**2) / G * np.log(np.cosh(G * time / LIMIT))
 
 
-@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize("target", LLVM_FIRST)
 def test_drag_from_rest(target: str) -> None:
     model = thrown().compile(target=target)
     result = lg.integrate(model, (0.0, 5.0), {}, rtol=1e-12, atol=1e-14)
@@ -110,7 +110,7 @@ def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
     assert "sqrt(x**2 - 2*x*y + y**2) becomes zero there" in result.message and "as abs" in result.message
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("potential", "stated"),
     [

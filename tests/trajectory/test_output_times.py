@@ -20,7 +20,7 @@ from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
-from tests.models import TARGETS, VALUES, build, c, g, k, l, m, model, x, y
+from tests.models import LLVM_FIRST, TARGETS, VALUES, build, c, g, k, l, m, model, x, y
 from tests.show.examples import oscillator
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, ball, exact, floor, run
 
@@ -71,7 +71,7 @@ def few_bytes(count: int) -> int:
     return 8 * 5 * count + 3000
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 @pytest.mark.parametrize("name", OURS)
 @pytest.mark.parametrize("end", [30.0, -30.0])
 def test_a_run_may_keep_its_outputs_alone(name: str, end: float, target: str) -> None:
@@ -134,7 +134,7 @@ def test_a_step_that_is_taken_back_leaves_no_outputs(target: str) -> None:
     assert_on_the_path(result, run(hidden, 20.0, "taylor", rtol=1e-6), times)
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 def test_over_a_point_without_a_series(target: str) -> None:
     """A run from rest with drag |v| v begins with a short step of another method, whose outputs are right."""
     speed = sqrt(x.dot**2 + y.dot**2)
@@ -279,6 +279,7 @@ def test_a_method_of_ours_that_has_a_path_claims_its_order() -> None:
     assert [name for name in NAMES if find(name).claims.dense == 0] == []
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("stretched", [0.0, 1e-6])
 def test_the_path_of_a_stiff_run_is_as_good_as_its_steps(stretched: float) -> None:
     """The stiffness is 1e4 or 1e8. Slopes from the right-hand side would multiply errors of the states by it."""

@@ -271,7 +271,7 @@ def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.Monk
         alike(first, second, 1e-7)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["dop853", "verlet", "radau5", "gauss2"])
 def test_bounces_are_done_in_machine_code(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Machine code handles all of 300 bounces but the first few, and the output between them is right."""
@@ -307,7 +307,7 @@ def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
             result = []
             for most in (16384, 64, 7, 2) if everything else (16384, 7):
                 monkeypatch.setattr("lagrange.trajectory.run_loop.MOST_STEPS_PER_CALL", most)
-                result.append(run(of, 20.0, name, initial=initial, events=several, **options))
+                result.append(run(of, 8.0, name, initial=initial, events=several, **options))
             for other in result[1:]:
                 assert other.t.tolist() == result[0].t.tolist() and other.y.tolist() == result[0].y.tolist()
                 for times, states, right, there in zip(
@@ -332,7 +332,7 @@ def counted(monkeypatch: pytest.MonkeyPatch, name: str) -> list[None]:
     return calls
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("tolerance", [0.02, 3e-3, 8e-4, 1e-4, 1e-6])
 def test_a_fast_entry_that_the_tolerance_leaves_out_is_not_screened_away(
     tolerance: float, monkeypatch: pytest.MonkeyPatch

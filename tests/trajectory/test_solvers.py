@@ -143,6 +143,7 @@ def test_a_large_time_moves_no_event(method: str, start: float) -> None:
 # What holds for SciPy's solvers alone: paths of steps that are taken again, bounds of steps, warnings, large times.
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("t0", "t1", "rtol"), [(0.0, 7.0, 0.05), (0.0, -7.0, 1e-9), (1e3, 1005.0, 1e-6)])
 @pytest.mark.parametrize("name", ["rk23", "rk45", "dop853"])
 def test_a_step_taken_again_has_the_path_that_it_had(name: str, t0: float, t1: float, rtol: float) -> None:

@@ -15,7 +15,7 @@ from lagrange.statement.event import event
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
-from tests.models import TARGETS, build, x, y, z
+from tests.models import LLVM_FIRST, TARGETS, build, x, y, z
 from tests.trajectory.runs import checked_run, run
 
 
@@ -124,9 +124,10 @@ INERTIAS = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("order", [20, 30, 31, 64])
 @pytest.mark.parametrize("name", INERTIAS)
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 def test_the_start_is_regular_where_the_state_is(name: str, order: int, target: str) -> None:
     """The orders include some with unrolled series and some with series in loops."""
     model = build(target, lagrangian=INERTIAS[name], coordinates=[x, y, z], initial=START)
@@ -185,6 +186,7 @@ def model(force: str) -> Any:
     return system.compile()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("span", SPANS)
 @pytest.mark.parametrize("force", FORCES)
 def test_no_step_has_a_switch_inside(force: str, span: tuple[float, float]) -> None:
