@@ -80,6 +80,11 @@ def weighed() -> Model:
     ).compile()
 
 
+def shrinking() -> Model:
+    """Return the model of a body that moves towards x = 0, where it has no inertia."""
+    return on_a_line(x**2 * x.dot**2 / 2, 0, 1.0, -1.0)
+
+
 STUCK, WRONG = (*NO_NUMBER, Status.SINGULAR), (*NO_NUMBER, Status.UNRELIABLE)
 LONG = (*NO_NUMBER, Status.MAX_STEPS, Status.UNRELIABLE)
 """How a run may end that loses its inertia, that a method with fixed steps does not follow, or that takes too long."""
@@ -88,15 +93,7 @@ FAULTY = (
     Faulty("nan force", lambda: forced(Piecewise((-x + c, t < onset)), place=1.0), "onset", 0.5, (5.0, 9.0), NO_NUMBER),
     Faulty("blow-up", lambda: particle(x.dot**2, 0.0, 1.0), "x_dot", 1.0, (-1.0, 0.3), NO_NUMBER, end=2.0),
     Faulty("collision", lambda: on_a_line(x.dot**2 / 2, -1 / x, 1.0), "x", 1.0, (4.0, 6.0), WRONG, end=3.0, step=1e-3),
-    Faulty(
-        "singular on the way",
-        lambda: on_a_line(x**2 * x.dot**2 / 2, 0, 1.0, -1.0),
-        "x_dot",
-        -1.0,
-        (0.1, 1.0),
-        STUCK,
-        step=1e-3,
-    ),
+    Faulty("singular on the way", shrinking, "x_dot", -1.0, (0.1, 1.0), STUCK, step=1e-3),
     Faulty("no inertia", lambda: sphere(0.0, 1.0, 1.0), "theta", 0.0, (1.0, 1.5), (Status.SINGULAR,)),
     Faulty("massless", weighed, "c", 0.0, (0.5, 2.0), (Status.SINGULAR,)),
     Faulty("huge", lambda: particle(-(x**3), 1.0), "x", 1e300, (0.5, 1.0), NO_NUMBER),
@@ -126,33 +123,19 @@ def rod() -> Model:
 
 FAULTY_CONSTRAINTS = (
     Faulty(
-        "off a constraint",
-        rod,
-        "x",
-        1.3,
-        (0.1, 0.9),
-        (Status.NON_FINITE,),
+        "off a constraint", rod, "x", 1.3, (0.1, 0.9), (Status.NON_FINITE,),
         follows=lambda v: {"y": -np.sqrt(np.maximum(1 - v * v, 0.0))},
     ),
     Faulty(
-        "dependent",
-        lambda: held(place - height - 1, place - c * height - 1, x=1.0, c=2.0),
-        "c",
-        1.0,
-        (2.0, 3.0),
-        (Status.NON_FINITE,),
+        "dependent", lambda: held(place - height - 1, place - c * height - 1, x=1.0, c=2.0),
+        "c", 1.0, (2.0, 3.0), (Status.NON_FINITE,),
     ),
     Faulty(
-        "drive out of its domain",
-        lambda: held(place - sqrt(c - lg.t), c=9.0, x=3.0),
-        "c",
-        1.0,
-        (4.0, 9.0),
-        (Status.SINGULAR, Status.DIVERGED, *LOST),
-        end=2.0,
+        "drive out of its domain", lambda: held(place - sqrt(c - lg.t), c=9.0, x=3.0),
+        "c", 1.0, (4.0, 9.0), (Status.SINGULAR, Status.DIVERGED, *LOST), end=2.0,
         follows=lambda v: {"x": np.sqrt(v), "x_dot": -1 / (2 * np.sqrt(v))},
     ),
-)
+)  # fmt: skip
 """Constraints that are not met at the start of a member, are dependent there, or are lost on its way."""
 
 
@@ -170,47 +153,22 @@ kick = Piecewise((1.0, c > 0.9), (c * height.dot, True))
 
 FAULTY_EVENTS = (
     Faulty(
-        "nan event on the way",
-        lambda: falling(0),
-        "x",
-        0.0,
-        (-9.0, -4.0),
-        NO_NUMBER,
-        end=2.0,
-        held={"x_dot": 1.0},
-        options={"events": [log(1 - x) + 1]},
+        "nan event on the way", lambda: falling(0), "x", 0.0, (-9.0, -4.0), NO_NUMBER,
+        end=2.0, held={"x_dot": 1.0}, options={"events": [log(1 - x) + 1]},
     ),
     Faulty(
-        "terminal event",
-        lambda: falling(0),
-        "x",
-        -0.3,
-        (-9.0, -4.0),
-        (Status.EVENT,),
-        held={"x_dot": 1.0},
-        options={"events": [lg.event(x, terminal=True)]},
+        "terminal event", lambda: falling(0), "x", -0.3, (-9.0, -4.0), (Status.EVENT,),
+        held={"x_dot": 1.0}, options={"events": [lg.event(x, terminal=True)]},
     ),
     Faulty(
-        "bounces without end",
-        falling,
-        "c",
-        0.5,
-        (0.9, 1.0),
-        (Status.STEP_TOO_SMALL,),
-        end=6.0,
-        options={"events": [lg.event(x, direction=-1, reset={x.dot: -c * x.dot})]},
+        "bounces without end", falling, "c", 0.5, (0.9, 1.0), (Status.STEP_TOO_SMALL,),
+        end=6.0, options={"events": [lg.event(x, direction=-1, reset={x.dot: -c * x.dot})]},
     ),
     Faulty(
-        "reset off a constraint",
-        lambda: held(ROD, x=0.6, y=-0.8, c=-1.0),
-        "c",
-        1.0,
-        (-1.0, -0.5),
-        (Status.DIVERGED,),
-        end=2.0,
-        options={"events": [lg.event(place, reset={place.dot: c * place.dot, height.dot: kick})]},
+        "reset off a constraint", lambda: held(ROD, x=0.6, y=-0.8, c=-1.0), "c", 1.0, (-1.0, -0.5), (Status.DIVERGED,),
+        end=2.0, options={"events": [lg.event(place, reset={place.dot: c * place.dot, height.dot: kick})]},
     ),
-)
+)  # fmt: skip
 """Events without a value or an end, a terminal one, and a reset that leaves a constraint."""
 
 
