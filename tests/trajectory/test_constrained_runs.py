@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from sympy import Abs, Piecewise, cos, sin, sqrt
+from sympy import Abs, cos, sin, sqrt
 
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
-from lagrange.trajectory.constraints.consistent import consistent_start, violation
+from lagrange.trajectory.constraints.consistent import violation
 from lagrange.trajectory.ending_messages import UNPROJECTED
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.runge_kutta import RungeKutta
@@ -482,24 +482,10 @@ def test_a_start_is_refused_by_name(call: Callable[[], str], words: tuple[str, .
     assert "'c'" not in text
 
 
-def test_a_constraint_that_is_differentiable_enough_is_run() -> None:
-    smooth = particle(y - Piecewise((x**3, x > 0), (0, True)))
-    assert smooth.run(0.1, {x: 0.0, y: 0.0, x.dot: 1.0}, check=False).status is lg.Status.SUCCESS
-
-
 @pytest.mark.parametrize("hold", [3, x, [z], ["nothing"], [[x]]])
 def test_what_is_held_must_be_entries_of_the_state(hold: Any) -> None:
     text = refusal(particle().consistent, {}, hold=hold)
     assert "hold is " in text or "which is not a coordinate or velocity of this system: they are x, x_dot" in text
-
-
-def test_a_start_on_the_constraints_is_not_projected(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = particle().compile(check=False)
-    state, parameters = np.array([0.6, -0.8, 0.0, 0.0]), model.parameter_array()
-    monkeypatch.delattr("lagrange.trajectory.constraints.consistent.Projection")
-    assert consistent_start(model, 0.0, state, parameters) is state
-    with pytest.raises(NameError):
-        consistent_start(model, 0.0, state + 1e-8, parameters)
 
 
 def test_a_run_that_ends_off_its_constraints_is_unreliable() -> None:
