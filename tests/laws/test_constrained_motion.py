@@ -74,9 +74,6 @@ def test_series_of_any_order_give_the_motion(mechanism: Mechanism, order: int) -
     assert result == close(run(compiled, mechanism.state, "dop853", 0.1)[:, -1], 100 * rtol if order <= 8 else 1e-7)
 
 
-# --- power ----------------------------------------------------------------------------------------------------
-
-
 @some
 @given(mechanisms(forces=True), functions_of(*RATES), functions_of(*PLACES), rationals)
 def test_power_is_that_of_forces_friction_and_explicit_time(mechanism: Mechanism, D: Any, U: Any, w: Any) -> None:

@@ -197,9 +197,6 @@ def test_both_machines_keep_to_the_same_bounds(name: str, which: str, value: flo
         assert_lockstep(drivers(name, "driven"), start, 1.0, 0.0, tolerances, **{which: value})
 
 
-# --- steps that are not numbers -------------------------------------------------------------------------------
-
-
 def made(large: int) -> StepProgram:
     """Return a step whose state, first or second error vector is infinite."""
 

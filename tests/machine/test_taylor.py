@@ -458,9 +458,6 @@ def test_a_step_whose_stages_have_no_solution_is_a_straight_line(length: float, 
     assert np.isfinite(both).all()
 
 
-# --- procedures for many members at once: each member has the bits of the interpreter for this member alone ----
-
-
 NUMBERS = (0.75, -1.5, math.nan, 1.0, -math.inf, 0.0, 1e-308, 1e308, -0.0, 3.25)
 
 

@@ -4,7 +4,6 @@ A formulation has its own state z, its slope dz/dt, and the coordinates q(z, t) 
 constraints. Accelerations are dv/dt along the slope.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -135,22 +134,6 @@ def reduced(values: Mapping[Any, float], places: Sequence[Any], bodies: Bodies, 
         return np.concatenate([z[n:], np.linalg.solve(result[: n * n].reshape(n, n), result[n * n :])])
 
     return Formulation(values, [*s, *u], places, plain.rates, slope, **more)
-
-
-# --- the ladder of N four-bar loops, a benchmark problem of multibody dynamics, for any N ----------------------
-# Source: M. Gonzalez, F. Gonzalez, A. Luaces, J. Cuadrado, A collaborative benchmarking framework for multibody system
-# dynamics, Engineering with Computers 26 (2010) 1, problem A02, with N = 40, rods of 1 m and 1 kg, 1 m/s at the start.
-
-
-GRAVITY = 9.81
-
-
-def parallelogram_acceleration(loops: int, angle: float) -> float:
-    """Return the angular acceleration of the rods, which are parallel, at an angle to the ground.
-
-    T = ((N + 1)/3 + N) w^2/2 and V = g ((N + 1)/2 + N) sin(angle).
-    """
-    return -GRAVITY * ((loops + 1) / 2 + loops) / ((loops + 1) / 3 + loops) * math.cos(angle)
 
 
 # --- random mechanisms in a plane: rods with coupled masses, a pivot that may move, and a knife edge -----------

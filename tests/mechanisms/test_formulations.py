@@ -85,9 +85,6 @@ def test_a_velocity_constraint_put_into_the_lagrangian_of_the_rolling_disc_gives
     assert wrong.accelerations(y[:3], y[5:8]) == pytest.approx([5.30670, -2.95154, 2.97867], abs=1e-5)
 
 
-# --- multipliers are tensions, contact forces and joint forces with the right signs ----------------------------
-
-
 x, y = lg.coordinates("x y")
 m, g, l = lg.parameters("m g l")
 
@@ -95,9 +92,6 @@ m, g, l = lg.parameters("m g l")
 @cache
 def model_with(name: str) -> Model:
     return model_of(loaded(name), machine("llvm"))
-
-
-# --- a rod ----------------------------------------------------------------------------------------------------
 
 
 def pendulum(constraint: Any) -> Model:
@@ -125,9 +119,6 @@ def test_the_tension_of_a_rod(angle: float, turn: float) -> None:
     assert 2 * length * by_square == pytest.approx([-tension], abs=1e-12 * size)
     turned = pendulum(l**2 - x**2 - y**2).multipliers(q, v)
     assert turned == pytest.approx(-by_square, abs=1e-12 * size)
-
-
-# --- linkages: virtual work -----------------------------------------------------------------------------------
 
 
 def virtual_work(name: str, q: Any, v: Any, freed: int) -> float:

@@ -360,9 +360,6 @@ def test_surfaces_are_refused_by_name() -> None:
         TaylorProcedures(system.compile().series()[0].program, 0)
 
 
-# --- printers and the interpreter agree on sums of products; the loop of the projection ------------------------
-
-
 @pytest.mark.parametrize("count", [1, 3, 8, 11, None])
 def test_products_that_are_added_up_are_rounded_once(count: int | None) -> None:
     """The remainder of products that cancel is the rounding of one fused operation, in vectors and one by one."""

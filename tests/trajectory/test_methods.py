@@ -39,8 +39,6 @@ from tests.trajectory.runs import (
     run,
 )
 
-# --- claims ---------------------------------------------------------------------------------------------------
-
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("name", ADAPTIVE)
@@ -292,8 +290,6 @@ def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str
 # --- newton ---------------------------------------------------------------------------------------------------
 # How Newton's method begins, stops and fails: machines, cost, units, round-off, and methods of one's own.
 
-# --- the cost -------------------------------------------------------------------------------------------------
-
 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("step", [1e-3, 1e-2])
@@ -304,9 +300,6 @@ def test_a_stage_costs_few_evaluations(name: str, step: float, target: str) -> N
     problem = Problem(model("oscillator"), {}, 0.0, 1.0, np.zeros(2))
     stages = len(implicit(name).plan(problem).step.solves[0].calls)
     assert result.evaluations <= (4.0 * stages + 1) * result.steps
-
-
-# --- units, stiffness, round-off ------------------------------------------------------------------------------
 
 
 @pytest.mark.few(1)
@@ -398,9 +391,6 @@ def test_a_mass_matrix_that_becomes_singular_is_told(name: str, target: str) -> 
     assert "the mass matrix is singular at t = " in result.message
 
 
-# --- of one's own ---------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("target", LLVM_FIRST)
 def test_a_method_of_ones_own(target: str) -> None:
     """A user's method: Alexander's two-stage singly diagonally implicit method of order 2, with two solves."""
@@ -417,9 +407,6 @@ def test_a_method_of_ones_own(target: str) -> None:
     truth = exact(compiled, 1.0).y[:, -1]
     errors = [np.abs(run(compiled, 1.0, alexander, step=1.0 / n).y[:, -1] - truth).max() for n in (50, 71, 100)]
     assert -np.polyfit(np.log([50, 71, 100]), np.log(errors), 1)[0] == pytest.approx(2, abs=0.15)
-
-
-# --- runs by taylor: accuracy, units, long runs, runs towards a singularity, and threads -----------------------
 
 
 SMOOTH = ("pendulum", "double pendulum", "Kepler orbit", "cart and pole", "charge", "Henon-Heiles", "bead on a hoop")
@@ -447,9 +434,6 @@ def test_the_error_is_what_was_asked_for(name: str, end: float, target: str) -> 
         assert np.abs(result.y[:, -1] - expected).max() < 20 * max(rtol, 2e-15) * size, rtol
 
 
-# --- long runs ------------------------------------------------------------------------------------------------
-
-
 def test_the_phase_of_an_oscillator_after_many_steps() -> None:
     """The motion is cos t, with compensated sums of state and time.
 
@@ -463,9 +447,6 @@ def test_the_phase_of_an_oscillator_after_many_steps() -> None:
     with mpmath.workdps(30):
         expected = [float(mpmath.cos(mpmath.mpf(end))), -float(mpmath.sin(mpmath.mpf(end)))]
     assert result.y[:, -1] == pytest.approx(expected, abs=2e-12)
-
-
-# --- series that end, or have gaps ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -487,8 +468,6 @@ def test_a_rock_without_air(end: float, target: str) -> None:
     halves = parts * np.array([1.0, 0.5, 0.25])
     assert (np.abs(middle - halves.sum(axis=1)) <= np.spacing(np.abs(halves).max(axis=1))).all()
 
-
-# --- ends -----------------------------------------------------------------------------------------------------
 
 STOPPED = (Status.STEP_TOO_SMALL, Status.NON_FINITE)
 

@@ -228,8 +228,6 @@ def test_a_run_looks_at_its_ends_by_quick_calls(
     assert result.status is lg.Status.SUCCESS and np.array_equal(result.y, expected.y)
 
 
-# --- first steps, which begin where their error estimate means something ---------------------------------------
-
 METHODS = ("bs3", "dopri5", "tsit5", "dop853", "verner9")
 SCENES = (
     *("bead-on-hoop", "chain-of-springs", "charge-in-field", "double-pendulum", "elastic-pendulum", "henon-heiles"),
