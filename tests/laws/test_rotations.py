@@ -382,15 +382,6 @@ def test_a_ball_of_chaplygin_keeps_its_momentum_about_the_point_of_contact() -> 
 
 
 @pytest.mark.slow
-def test_a_rattleback_turns_back() -> None:
-    run = example("rattleback")
-    spin = run[R.space][2]
-    assert spin[0] == pytest.approx(-5)
-    assert spin[-1] > 4
-    assert np.ptp(run.energy) < 1e-9 * np.abs(run.energy).max()
-
-
-@pytest.mark.slow
 def test_a_quadrotor_rises_and_rolls_by_the_integrals_of_its_thrusts() -> None:
     """The roll rate is the integral of 2 l u / J1; after whole periods of the sine it is back at zero."""
     run = example("quadrotor")

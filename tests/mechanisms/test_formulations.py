@@ -10,12 +10,12 @@ from sympy import cos, sin, sqrt
 import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
-from lagrange.statement.declare import declare
 from lagrange.trajectory.run import flow
 from tests.covering import Share
 from tests.mechanisms.formulation import Formulation
 from tests.mechanisms.scenes import FORMULATIONS
-from tests.models import loaded
+from tests.models import g, l, loaded, m, x, y
+from tests.systems import rod_pendulum
 
 
 @cache
@@ -85,25 +85,6 @@ def test_a_velocity_constraint_put_into_the_lagrangian_of_the_rolling_disc_gives
     assert wrong.accelerations(y[:3], y[5:8]) == pytest.approx([5.30670, -2.95154, 2.97867], abs=1e-5)
 
 
-x, y = lg.coordinates("x y")
-m, g, l = lg.parameters("m g l")
-
-
-@cache
-def model_with(name: str) -> Model:
-    return model_of(loaded(name), machine("llvm"))
-
-
-def pendulum(constraint: Any) -> Model:
-    statement = declare(
-        kinetic=m * (x.dot**2 + y.dot**2) / 2,
-        potential=m * g * y,
-        constraints={"rod": constraint},
-        parameters={m: 1.7, g: 9.81, l: 0.8},
-    )
-    return model_of(statement, machine("llvm"))
-
-
 @pytest.mark.parametrize("angle", [-3.0, -1.1, 0.0, 0.4, 1.5707963267948966, 2.6])
 @pytest.mark.parametrize("turn", [-4.0, 0.0, 1.3])
 def test_the_tension_of_a_rod(angle: float, turn: float) -> None:
@@ -113,11 +94,12 @@ def test_the_tension_of_a_rod(angle: float, turn: float) -> None:
     v = length * turn * np.array([np.cos(angle), np.sin(angle)])
     tension = mass * (gravity * np.cos(angle) + length * turn**2)
     size = mass * (gravity + length * turn**2)
-    by_length = pendulum(sqrt(x**2 + y**2) - l).multipliers(q, v)
+    by_length, by_square, turned = (
+        rod_pendulum(constraints={"rod": rod}, parameters={m: mass, g: gravity, l: length}).compile().multipliers(q, v)
+        for rod in (sqrt(x**2 + y**2) - l, x**2 + y**2 - l**2, l**2 - x**2 - y**2)
+    )
     assert by_length == pytest.approx([-tension], abs=1e-12 * size)
-    by_square = pendulum(x**2 + y**2 - l**2).multipliers(q, v)
     assert 2 * length * by_square == pytest.approx([-tension], abs=1e-12 * size)
-    turned = pendulum(l**2 - x**2 - y**2).multipliers(q, v)
     assert turned == pytest.approx(-by_square, abs=1e-12 * size)
 
 
@@ -126,7 +108,7 @@ def virtual_work(name: str, q: Any, v: Any, freed: int) -> float:
 
     The displacement satisfies the other constraints, and changes this one at the rate one.
     """
-    of = model_with(name)
+    of = model(name)
     forces = of.mass_matrix(q) @ of.accelerations(q, v) - of.evaluate("bias", q, v)
     gradient = differences(name, q)
     unit = np.zeros(len(gradient))
@@ -137,7 +119,7 @@ def virtual_work(name: str, q: Any, v: Any, freed: int) -> float:
 
 def differences(name: str, q: Any) -> Any:
     """Return the gradient of the constraints by central differences of the stated expressions."""
-    of, n, h = model_with(name), model_with(name).dimension, 1e-5
+    of, n, h = model(name), model(name).dimension, 1e-5
     m_ = len(loaded(name).constraints)
     columns = []
     for i in range(n):
@@ -153,10 +135,10 @@ def differences(name: str, q: Any) -> Any:
     "name", ["slider-crank", "four-bar", "seven-body-mechanism", "hanging-chain", "atwood-machine"]
 )
 def test_the_multipliers_of_linkages_are_those_of_virtual_work(name: str, time: float) -> None:
-    run: Any = flow(model_with(name), rtol=1e-12)
+    run: Any = flow(model(name), rtol=1e-12)
     state = run(np.array(loaded(name).initial), 0.0, time * loaded(name).run.t_end)
     q, v = np.split(state, 2)
-    result = model_with(name).multipliers(q, v)
+    result = model(name).multipliers(q, v)
     expected = [virtual_work(name, q, v, i) for i in range(len(result))]
     assert result == pytest.approx(expected, rel=1e-7, abs=1e-7 * np.abs(result).max())
 
@@ -167,7 +149,7 @@ def test_the_multipliers_of_linkages_are_those_of_virtual_work(name: str, time: 
 
 def end(name: str) -> Any:
     """Return the state at the end of a scene's run."""
-    run: Any = flow(model_with(name), rtol=1e-13, atol=1e-15)
+    run: Any = flow(model(name), rtol=1e-13, atol=1e-15)
     return run(np.array(loaded(name).initial), 0.0, loaded(name).run.t_end)
 
 
@@ -197,7 +179,7 @@ def test_the_seven_body_mechanism_begins_and_ends_as_published() -> None:
 
     Our end states by taylor, dop853 and verner9 differ among themselves by less than 1e-12.
     """
-    of = model_with("seven-body-mechanism")
+    of = model("seven-body-mechanism")
     q, v = np.split(np.array(loaded("seven-body-mechanism").initial), 2)
     assert of.accelerations(q, v) == pytest.approx(ANDREWS_FIRST_ACCELERATIONS, rel=1e-13, abs=1e-9)
     assert -of.multipliers(q, v) == pytest.approx(ANDREWS_FIRST_MULTIPLIERS, rel=1e-13, abs=1e-11)

@@ -20,6 +20,7 @@ import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.members import jobs, store
 from lagrange.members.jobs import processors, threads_of
+from tests.models import shared_scene as system
 from tests.refusals import refusal
 from tests.systems import rod_pendulum
 
@@ -35,11 +36,6 @@ METHODS: dict[str, dict[str, Any]] = {
 
 SPREAD = 21
 """Members: two vectors of eight and five more, so that lanes run out of members at different times."""
-
-
-@cache
-def system(name: str) -> lg.System:
-    return lg.scene(name)
 
 
 def starts(name: str) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from lagrange.members import jobs, lanes
 from lagrange.members.singly import RunEngine
 from lagrange.trajectory.events import compiled_loop
 from tests.members import test_ensembles as partitions
+from tests.models import shared_scene
 from tests.systems import chain
 
 FIXED_STEPS: dict[str, dict[str, Any]] = {"rk4": {"step": 0.02}, "forest-ruth4": {"step": 0.02}}
@@ -37,12 +38,11 @@ def ball() -> lg.System:
     return lg.System(kinetic=y.dot**2 / 2, potential=10 * y, initial={y: 1.0, y.dot: 3.0})
 
 
-@contextmanager
-def without_lanes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Run members one after the other."""
+def one_after_the_other(monkeypatch: pytest.MonkeyPatch, *args: Any, **options: Any) -> lg.Ensemble:
+    """Return the ensemble without lanes: its members run one after the other."""
     with monkeypatch.context() as changed:
         changed.setattr(jobs, "lane_engine", lambda *_, **__: None)
-        yield
+        return lg.ensemble(*args, workers=1, **options)
 
 
 @contextmanager
@@ -128,8 +128,7 @@ def test_events_of_a_member_are_those_of_its_run(
     given["t_eval"] = np.linspace(0.0, end, 5)
     starts = {"x": np.linspace(0.05, 0.2, 13)}
     together = lg.ensemble(henon, end, starts, **given)
-    with without_lanes(monkeypatch):
-        alone = lg.ensemble(henon, end, starts, workers=1, **given)
+    alone = one_after_the_other(monkeypatch, henon, end, starts, **given)
     assert "side by side" in together.form and "one after" in alone.form
     agree(together, alone, 1e-8 if beyond else 1e-12, method)
 
@@ -172,8 +171,7 @@ def test_events_on_fixed_steps_are_those_of_the_compiled_loop_to_the_last_bit(
     monkeypatch.setattr(compiled_loop, "WORTH_COMPILING", 0)
     with runs_alone(monkeypatch) as left:
         together = lg.ensemble(system, 15.0, starts, **given)
-    with without_lanes(monkeypatch):
-        alone = lg.ensemble(system, 15.0, starts, workers=1, **given)
+    alone = one_after_the_other(monkeypatch, system, 15.0, starts, **given)
     assert sum(left) <= 2 and np.isfinite(together.t_events[0]).any()
     for column in together.columns:
         result, expected = (runs.results.column(column.name) for runs in (together, alone))
@@ -191,21 +189,7 @@ def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPat
             given |= METHODS[method]
             together = lg.ensemble(ball(), 1.0, start, **given)
             assert "side by side" in together.form
-            with without_lanes(monkeypatch):
-                agree(together, lg.ensemble(ball(), 1.0, start, workers=1, **given))
-
-
-@pytest.mark.slow
-def test_a_root_in_the_forces_is_watched_in_lanes_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """sqrt(1 + x) has no value beyond x = -1. A member ends there with a message, whatever the others do."""
-    x = lg.coordinate("x")
-    cliff = lg.System(kinetic=x.dot**2 / 2, potential=-4 * (1 + x) ** sympy.Rational(3, 2) / 3, initial={x: 0.0})
-    starts = {"x_dot": np.linspace(-2.5, 1.0, 11)}
-    together = lg.ensemble(cliff, 2.0, starts, keep=("end", "counts"))
-    with without_lanes(monkeypatch):
-        alone = lg.ensemble(cliff, 2.0, starts, keep=("end", "counts"), workers=1)
-    assert "side by side" in together.form and len(set(alone.status)) > 1
-    agree(together, alone)
+            agree(together, one_after_the_other(monkeypatch, ball(), 1.0, start, **given))
 
 
 def test_resets_and_implicit_methods_are_runs_one_after_the_other() -> None:
@@ -265,8 +249,7 @@ def test_a_member_ends_where_a_run_of_its_own_ends(links: int, rtol: float, monk
     given: dict[str, Any] = {"method": "taylor", "rtol": rtol, "keep": ("end", "counts")}
     with runs_alone(monkeypatch) as left:
         together = lg.ensemble(system, 0.5, starts, **given)
-    with without_lanes(monkeypatch):
-        alone = lg.ensemble(system, 0.5, starts, workers=1, **given)
+    alone = one_after_the_other(monkeypatch, system, 0.5, starts, **given)
     assert "side by side" in together.form and "one after" in alone.form and sum(left) == 0
     agree(together, alone, 1e-11)
 
@@ -287,22 +270,10 @@ STARTS = 0.4 + np.linspace(-0.2, 0.25, 21)
 
 
 @cache
-def pendulum() -> lg.System:
-    return lg.scene("pendulum")
-
-
-@cache
 def oscillator() -> lg.System:
     """Return an oscillator with mass 1 and angular frequency 2: x = a cos 2t."""
     x, k = lg.coordinate("x"), lg.parameters("k")
     return lg.System(kinetic=x.dot**2 / 2, potential=k * x**2 / 2, parameters={k: 4.0})
-
-
-def one_after_the_other(monkeypatch: pytest.MonkeyPatch, *args: Any, **options: Any) -> lg.Ensemble:
-    """Return the ensemble without lanes: its members run one after the other."""
-    with monkeypatch.context() as changed:
-        changed.setattr(jobs, "lane_engine", lambda *_, **__: None)
-        return lg.ensemble(*args, workers=1, **options)
 
 
 @pytest.mark.parametrize("backward", [False, True])
@@ -316,12 +287,12 @@ def test_states_at_output_times_are_those_of_a_run(method: str, backward: bool) 
     times = np.array([0.0, 0.3, 0.3, 1.2, 1.2001, 1.2002, 2.9, 3.0])
     span, times = (-3.0, -times) if backward else (3.0, times)
     given: dict[str, Any] = {"t_eval": times, "method": method, **REDUCED_METHODS[method]}
-    runs = lg.ensemble(pendulum(), span, {"theta": STARTS}, **given)
+    runs = lg.ensemble(shared_scene("pendulum"), span, {"theta": STARTS}, **given)
     assert "side by side" in runs.form
     for i in (0, 8, 20):
-        alone = pendulum().run(span, {"theta": STARTS[i]}, **given)
+        alone = shared_scene("pendulum").run(span, {"theta": STARTS[i]}, **given)
         assert np.allclose(runs.y[:, :, i], alone.y, rtol=1e-13, atol=1e-14)
-    ends = lg.ensemble(pendulum(), span, {"theta": STARTS}, method=method, **REDUCED_METHODS[method])
+    ends = lg.ensemble(shared_scene("pendulum"), span, {"theta": STARTS}, method=method, **REDUCED_METHODS[method])
     assert np.array_equal(runs.y[:, -1], ends.y)
 
 

@@ -17,24 +17,17 @@ from lagrange.errors import StatementError
 from lagrange.trajectory.measures.constraints import constraint_drift
 from lagrange.trajectory.trajectory import Status
 from tests.covering import Share
-from tests.models import shared_scene
+from tests.models import g, l, m, phi, shared_scene, theta, x, y
+from tests.systems import rod_pendulum
 from tests.trajectory.runs import OUTSIDE
 
-m, g, l, J = lg.parameters("m g l J")
-x, y, theta, phi = lg.coordinates("x y theta phi")
+J = lg.parameters("J")
 
-PENDULUM: dict[str, Any] = {
-    "kinetic": m * (x.dot**2 + y.dot**2) / 2,
-    "potential": m * g * y,
-    "constraints": {"rod": x**2 + y**2 - l**2},
-    "parameters": {m: 1.3, g: 9.81, l: 1},
-    "initial": {x: 0.6, y: -0.8},
-    "name": "bob",
-}
+BOB: dict[str, Any] = {"parameters": {m: 1.3, g: 9.81, l: 1}, "name": "bob"}
 
 
 def run(**changes: Any) -> lg.Solution:
-    return lg.System(**{**PENDULUM, **changes}).run(2.0, rtol=1e-12)
+    return rod_pendulum(**BOB, **changes).run(2.0, rtol=1e-12)
 
 
 def ladder(**points: Any) -> lg.Solution:
@@ -159,13 +152,9 @@ def test_files_have_the_multipliers(tmp_path: Path) -> None:
 # How far a run is from its constraints: the numbers, the line on the card, and the files.
 
 
-def pendulum() -> lg.System:
-    return shared_scene("cartesian-pendulum")
-
-
 def test_the_error_is_that_of_the_largest_constraint_against_the_sizes_of_its_terms() -> None:
     """The error is computed by hand for x**2 + y**2 - l**2 and its rate, in a run by a solver without projection."""
-    solution = pendulum().run(2.0, method="scipy-rk45", rtol=1e-6)
+    solution = shared_scene("cartesian-pendulum").run(2.0, method="scipy-rk45", rtol=1e-6)
     a, b, u, v = solution.y
     length = float(dict(zip(map(str, solution.parameters), solution.parameters.values(), strict=True))["l"])
     place = np.abs(a**2 + b**2 - length**2) / (a**2 + b**2 + length**2).max()
@@ -200,7 +189,7 @@ def test_without_constraints_the_error_is_zero_and_the_card_is_silent() -> None:
 
 
 def test_card_and_files_have_the_drift(tmp_path: Path) -> None:
-    solution = pendulum().run(1.0, method="rk4", step=0.01)
+    solution = shared_scene("cartesian-pendulum").run(1.0, method="rk4", step=0.01)
     card = json.loads(json.dumps(solution.card()))["constraints"]
     assert set(card) == {"positions", "velocities"}
     assert max(card.values()) == solution.constraint_error.max()
@@ -219,7 +208,7 @@ def test_card_and_files_have_the_drift(tmp_path: Path) -> None:
 METHODS = ["taylor", "dop853", "verner9", "scipy-dop853", "radau5"]
 
 
-ON_SPHERE = {**PENDULUM, "constraints": {"sphere": x**2 + y**2 - l**2}, "initial": {x: 0.6, y: 0.8}}
+ON_SPHERE = {**BOB, "constraints": {"sphere": x**2 + y**2 - l**2}, "initial": {x: 0.6, y: 0.8}}
 
 
 def until(system: lg.System, name: str, method: str = "taylor", target: str = "llvm") -> lg.Solution:
@@ -231,7 +220,7 @@ def until(system: lg.System, name: str, method: str = "taylor", target: str = "l
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("method", METHODS)
 def test_a_particle_leaves_the_sphere_at_two_thirds_of_its_height(method: str, target: str) -> None:
-    solution = until(lg.System(**ON_SPHERE), "sphere", method, target)
+    solution = until(rod_pendulum(**ON_SPHERE), "sphere", method, target)
     assert solution.status is Status.EVENT
     # Radau's tolerance bounds what a step may err by; the others err by less than it.
     assert solution[y][-1] == pytest.approx(2 / 3 * 0.8, abs=1e-10)
@@ -258,7 +247,7 @@ def test_accelerations_may_be_in_events(target: str) -> None:
 def test_multipliers_are_watched_across_switches_of_the_forces() -> None:
     """A wind acts from x = 0.7 on. The accelerations in an event must be those of the present side."""
     wind = {"forces": {x: -J * (1 + sign(x - 0.7))}, "parameters": {m: 1.3, g: 9.81, l: 1, J: 2.0}}
-    ends = [until(lg.System(**ON_SPHERE | wind), "sphere", method).t[-1] for method in ("taylor", "dop853")]
+    ends = [until(rod_pendulum(**ON_SPHERE | wind), "sphere", method).t[-1] for method in ("taylor", "dop853")]
     assert ends[0] == pytest.approx(ends[1], abs=1e-9)
 
 

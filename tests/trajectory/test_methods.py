@@ -31,7 +31,6 @@ from tests.trajectory.runs import (
     FIXED,
     IMPLICIT,
     MOMENTA,
-    SLOPES,
     SPLITTINGS,
     STEPPED,
     exact,
@@ -289,17 +288,6 @@ def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str
 
 # --- newton ---------------------------------------------------------------------------------------------------
 # How Newton's method begins, stops and fails: machines, cost, units, round-off, and methods of one's own.
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("step", [1e-3, 1e-2])
-@pytest.mark.parametrize("name", SLOPES)
-def test_a_stage_costs_few_evaluations(name: str, step: float, target: str) -> None:
-    """Extrapolated guesses and a reused inverse: 1.9 to 3.9 evaluations of each stage were measured."""
-    result = run(model("double pendulum", target), 1.0, name, step=step)
-    problem = Problem(model("oscillator"), {}, 0.0, 1.0, np.zeros(2))
-    stages = len(implicit(name).plan(problem).step.solves[0].calls)
-    assert result.evaluations <= (4.0 * stages + 1) * result.steps
 
 
 @pytest.mark.few(1)
