@@ -302,10 +302,8 @@ def test_velocities_and_impulses_of_an_impact(hits: tuple[int, ...], rests: tupl
 # --- laws of contact on random systems, and on those that once broke them --------------------------------------
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize(
-    "seed", [2, 7, 9, 10, 12, 5, 13, 14, 16, 17, 21, 22, pytest.param(21_247, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 7, 9, 10, 12, 5, 13, 14, 16, 17, 21, 22, 21_247])
 def test_bodies_do_not_overlap_and_energy_goes_where_it_is_booked(seed: int) -> None:
     """Each law of `random_contacts`; `docs/benchmarks/random_contacts.py` takes 500 systems.
 

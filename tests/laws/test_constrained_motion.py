@@ -52,6 +52,7 @@ def run(model: Model, state: Vector, method: Any = None, end: float = LENGTH, be
 # --- runs -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @some
 @given(mechanisms(), functions_of(*PLACES))
 def test_energy_is_conserved_along_a_run(mechanism: Mechanism, A: Any) -> None:

@@ -181,7 +181,7 @@ def attracting(masses: Sequence[float], places: Any, velocities: Any) -> lg.Syst
     )
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_the_figure_eight_returns(method: str) -> None:
     """Start and period as published to 14 digits (A. Chenciner, R. Montgomery, 2000, after C. Simo)."""

@@ -538,6 +538,7 @@ class Steps:
 CASES = [(name, constrained) for name in EVERY for constrained in (False, True)[: 1 + (name in CONSTRAINED)]]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("n", [3, 5])
 @pytest.mark.parametrize(("name", "constrained"), CASES)
@@ -550,6 +551,7 @@ def test_a_linear_law_is_solved_by_one_correction(name: str, constrained: bool, 
         assert steps.take() <= 2 * sum(len(solve.calls) for solve in program.solves) + len(program.calls) + 1
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", ["radau3", "radau5", "damped"])
 def test_dampers_are_inverses_of_the_identity_less_a_multiple_of_the_derivative(name: str, target: str) -> None:

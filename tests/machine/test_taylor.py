@@ -118,6 +118,7 @@ def test_written_out(name: str, lanes: int) -> None:
         )
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", ALL)
 def test_in_loops(name: str, lanes: int) -> None:
@@ -338,6 +339,7 @@ def test_what_one_step_gets_does_not_depend_on_the_steps_of_its_block(kind: str,
         assert (dense.coefficients(GRID, states, np.array([step]))[:, :, 0] == together[:, :, step]).all()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_accepted_states_are_exact_forwards_and_back(kind: str, target: str) -> None:

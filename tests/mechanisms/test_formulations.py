@@ -61,8 +61,9 @@ def expected_states(name: str) -> Any:
     return times, formulation(name).states(times)
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("name", [*FORMULATIONS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "cartesian-pendulum")) for name in FORMULATIONS]
+)
 def test_the_run_is_that_of_the_formulation(name: str) -> None:
     times, right = expected_states(name)
     run: Any = flow(model(name), rtol=1e-13, atol=1e-15)

@@ -411,7 +411,7 @@ def test_what_is_read_is_defined_once(seed: int, tmp_path: Path) -> None:
 INPUTS = [(0.75, -1.5, 2), (math.nan, 1.0, 0), (-math.inf, 0.0, 7), (1e-308, 1e308, -3)]
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("option", [False, True])
 @pytest.mark.parametrize("seed", range(60))
 def test_a_random_function_does_the_same_in_every_life(seed: int, option: bool, tmp_path: Path) -> None:

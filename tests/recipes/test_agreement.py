@@ -288,6 +288,7 @@ def test_the_motion_does_not_depend_on_velocities_that_follow(target: str) -> No
     assert system.check(points=2)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5", "bs3", "verner9"])
 @pytest.mark.parametrize("target", LLVM_FIRST)
 def test_a_voltage_that_jumps_is_passed(method: str, target: str) -> None:

@@ -357,6 +357,7 @@ def test_a_run_ends_where_a_constraint_jumps_or_has_a_corner(kind: str, method: 
     assert np.abs(run.at(run.t[-1]) - run.y[:, -1]).max() < 1e-9
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", STOPPED_METHODS)
 @pytest.mark.parametrize(
     ("wire", "wall"), [(x * Abs(x), 1.0), (Piecewise((x**2, x > 0), (0, True)), 0.0)], ids=["cubic", "flat"]

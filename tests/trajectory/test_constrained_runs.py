@@ -163,6 +163,7 @@ def test_equations_of_first_order_are_refused_as_such(name: str, words: str) -> 
     assert np.hypot(*solution.y[:2]) == pytest.approx(1.0, abs=1e-12)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "bs3", "verner9", "radau3", "radau5", "radau5-index2"])
 def test_a_change_that_a_step_passes_over_is_no_error_to_be_projected_away(method: str, target: str) -> None:

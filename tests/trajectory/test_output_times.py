@@ -268,7 +268,7 @@ def off(method: Any) -> float:
     return abs(measured_order(method, system, end) - claimed)
 
 
-@pytest.mark.few(7)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", CLAIMED)
 def test_the_observed_order_of_the_path_is_the_claimed_one(name: str) -> None:
     """Measured orders differ from the claimed ones by at most 0.17."""

@@ -223,7 +223,7 @@ def test_a_run_reports_each_root_of_the_sine_once(seed: int, grid: bool, share: 
             assert [time for time, _ in events] == pytest.approx(places[:: 1 if onward else -1], abs=4e-14)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
 def test_a_flat_root_at_a_joint_is_one(order: int) -> None:
     rng = np.random.default_rng(order)
