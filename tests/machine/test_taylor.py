@@ -19,7 +19,6 @@ from hypothesis import HealthCheck, given, settings
 from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.dense.collocation import collocation_polynomial
 from lagrange.algorithm.dense.polynomials import hermite_polynomial, runge_kutta_polynomial
-from lagrange.algorithm.linear.gauss_jordan import invert_columns
 from lagrange.algorithm.series.order_by_cost import operations
 from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.compiler import machine
@@ -265,17 +264,6 @@ def test_what_depends_on_parameters_alone_is_computed_once(monkeypatch: pytest.M
     assert (pickle.loads(pickle.dumps(series)).rows(6, 0.0, state, 1.0, values) == rows[0]).all()
 
 
-@pytest.mark.parametrize("exact", [False, True])
-def test_eliminated_rows_are_swapped_in_every_right_hand_side(exact: bool) -> None:
-    """The entries are small integers, which are exact. Each column has its pivot below the diagonal."""
-    matrix = np.array([[0.0, 2.0, 1.0, 0.0], [1.0, 0.0, 0.0, 3.0], [4.0, 1.0, 0.0, 1.0], [2.0, 0.0, 8.0, 1.0]])
-    given = np.array([[sp.Rational(int(entry)) for entry in row] for row in matrix]) if exact else matrix
-    eliminated = numpy_machine.Eliminated(given)
-    for solution in np.array([[1.0, -2.0, 3.0, 0.5], [0.0, 1.0, 0.0, 0.0]]):
-        result = eliminated.solve([sp.nsimplify(entry) for entry in matrix @ solution] if exact else matrix @ solution)
-        assert np.array(result, dtype=float) == pytest.approx(solution, rel=1e-15, abs=1e-15)
-
-
 # --- polynomials of steps: each kind of dense output has the same values on both machines and in the interpreter ---
 
 
@@ -411,21 +399,6 @@ def test_the_stages_of_a_step_alone_solve_their_equations(stages: int, target: s
     A, _, _ = collocation_tableau(points)
     assert (result - states[0])[:-1] == pytest.approx((h * np.array(A) @ slopes)[:-1], abs=1e-14)
     assert result[-1] == pytest.approx(states[1], abs=1e-14)
-
-
-def test_inverses_of_many_matrices_are_those_of_each() -> None:
-    rng, order, count = np.random.default_rng(4), 5, 6
-    matrices = rng.normal(size=(count, order, order))
-    matrices[1] = np.eye(order)[::-1]
-    matrices[2] = 0.0
-    a = np.zeros((order, 2 * order, count))
-    a[:, :order] = np.moveaxis(matrices, 0, -1)
-    flat = a.ravel().tolist()
-    run(invert_columns.form(), order, count, flat, [0.0] * count)
-    result = np.moveaxis(np.array(flat).reshape(a.shape)[:, order:], -1, 0)
-    for i in (0, 1, 3, 4, 5):
-        assert result[i] @ matrices[i] == pytest.approx(np.eye(order), abs=1e-12)
-    assert not np.isfinite(result[2]).all()
 
 
 @pytest.mark.parametrize("target", TARGETS)
