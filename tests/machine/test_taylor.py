@@ -117,7 +117,6 @@ def test_written_out(name: str, lanes: int) -> None:
         )
 
 
-@pytest.mark.few(1)
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", ALL)
 def test_in_loops(name: str, lanes: int) -> None:
@@ -499,7 +498,6 @@ def alone(procedure: Procedure, member: Any) -> list[Any]:
     return [bits(item) for item in (*plain, *map(float, data[:SIZE]), kept.x, kept.count)]
 
 
-@pytest.mark.few(1)
 @pytest.mark.parametrize("lanes", [2, 4, 8])
 @pytest.mark.parametrize("seed", range(60))
 def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int, tmp_path: Path) -> None:

@@ -189,7 +189,6 @@ def test_grids_and_samples_refuse_in_words(make: Any, text: str) -> None:
 # Members one after the other of which only the last state is kept: they end as runs do, and fail as runs do.
 
 
-@pytest.mark.few(1)
 @pytest.mark.parametrize(("method", "settings"), [("taylor", {"rtol": 1e-9}), ("radau5-index2", {"rtol": 1e-6})])
 def test_members_with_constraints_end_where_runs_end(method: str, settings: dict[str, Any]) -> None:
     rod, angles = rod_pendulum(), np.linspace(0.0, 1.5, 5)
@@ -320,7 +319,6 @@ def same(
         assert given[name].tobytes() == rows.tobytes(), name
 
 
-@pytest.mark.few(1)
 @pytest.mark.parametrize("method", PARTITIONED)
 @pytest.mark.parametrize("partition", PARTITIONS)
 def test_a_partition(partition: str, method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -296,8 +296,10 @@ def test_states_at_output_times_are_those_of_a_run(method: str, backward: bool) 
     assert np.array_equal(runs.y[:, -1], ends.y)
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("method", list(REDUCED_METHODS))
+@pytest.mark.parametrize(
+    "method",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name not in ("taylor", "dop853"))) for name in REDUCED_METHODS],
+)
 def test_extremes_and_means_of_an_oscillator_have_closed_forms(method: str) -> None:
     """The motion is x = a cos 2t until t = 5.
 

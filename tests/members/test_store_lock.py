@@ -28,16 +28,27 @@ sys.stdin.read()
 """
 
 
+PLAIN = """
+import fcntl, os, sys
+descriptor = os.open(sys.argv[1] + "/" + sys.argv[2], os.O_RDWR | os.O_CREAT)
+fcntl.lockf(descriptor, fcntl.LOCK_EX)
+os.write(descriptor, f"process {os.getpid()} on this machine".encode())
+print("held", flush=True)
+sys.stdin.read()
+"""
+"""The same by the calls of the system alone, without the import of the package, which takes a second."""
+
+
 def run(folder: Path, **options: Any) -> lg.Ensemble:
     return lg.ensemble(lg.scene("pendulum"), 1.0, {"theta": [0.1, 0.2]}, store=folder, **options)
 
 
-@pytest.mark.slow
-def test_a_store_that_another_process_writes_to_is_refused_until_that_ends(tmp_path: Path) -> None:
+@pytest.mark.parametrize("text", [pytest.param(HOLDER, marks=pytest.mark.slow), PLAIN], ids=["StoreLock", "plain"])
+def test_a_store_that_another_process_writes_to_is_refused_until_that_ends(tmp_path: Path, text: str) -> None:
     folder = tmp_path / "runs.zarr"
     run(folder)
     assert not (folder / LOCK).exists()
-    holder = subprocess.Popen([sys.executable, "-c", HOLDER, str(folder)], stdin=-1, stdout=-1, text=True)
+    holder = subprocess.Popen([sys.executable, "-c", text, str(folder), LOCK], stdin=-1, stdout=-1, text=True)
     try:
         assert holder.stdout is not None and holder.stdout.readline() == "held\n"
         with pytest.raises(lg.RunError, match=f"is written to by process {holder.pid} on .*: wait until that is done"):

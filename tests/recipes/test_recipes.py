@@ -142,9 +142,9 @@ def test_a_singular_mass_matrix_is_nan_and_a_status() -> None:
     """The constant matrix of the second system is solved once for the parameters."""
     of = singular(2, "llvm")
     made = of.as_numba()
-    prepared, y, out = made.prepare(of.parameter_array()), np.array([0.0, 0.0, 1.0, 1.0]), np.zeros(4)
-    assert made.fill(0.0, y, prepared, out) is True
-    assert np.isnan(made.function(0.0, y, prepared)).all()
+    prepared, state, out = made.prepare(of.parameter_array()), np.array([0.0, 0.0, 1.0, 1.0]), np.zeros(4)
+    assert made.fill(0.0, state, prepared, out) is True
+    assert np.isnan(made.function(0.0, state, prepared)).all()
     of = build("llvm", kinetic=m * (x.dot**2 + y.dot**2) / 2 + c * x.dot * y.dot, potential=x, coordinates=[x, y])
     made, values = of.as_numba(), of.parameter_array({m: 1.0, c: 1.0})
     with pytest.raises(RunError, match="mass matrix"):

@@ -77,7 +77,7 @@ def test_derivation_agrees_with_lagranges_method(name: str) -> None:
             assert close(result, expected[i], 1 + max(abs(x) for x in expected)), axis
 
 
-@pytest.mark.few(1)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", CASES)
 def test_lagrangian_momenta_and_energy_keep_their_meaning(name: str) -> None:
     statement, derivation = case(name), derived(name)

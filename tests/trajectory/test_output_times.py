@@ -134,7 +134,7 @@ def test_a_step_that_is_taken_back_leaves_no_outputs(target: str) -> None:
     assert_on_the_path(result, run(hidden, 20.0, "taylor", rtol=1e-6), times)
 
 
-@pytest.mark.parametrize("target", LLVM_FIRST)
+@pytest.mark.parametrize("target", TARGETS)
 def test_over_a_point_without_a_series(target: str) -> None:
     """A run from rest with drag |v| v begins with a short step of another method, whose outputs are right."""
     speed = sqrt(x.dot**2 + y.dot**2)

@@ -98,7 +98,6 @@ MULTISTEP = [name for name in OUTSIDE if name in ("scipy-bdf", "scipy-lsoda", "c
 ADAMS: list[Any] = [lg.methods.CVODE(method="Adams")] if "cvode" in OUTSIDE else []
 
 
-@pytest.mark.few(1)
 @pytest.mark.parametrize("rtol", [1e-9, 1e-5])
 @pytest.mark.parametrize("restitution", [0.5, 0.9])
 @pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
