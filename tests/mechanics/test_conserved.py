@@ -333,6 +333,7 @@ def wagons_form() -> Hamiltonian:
     return wagon().hamiltonian()
 
 
+@pytest.mark.slow
 def test_both_forms_run_alike() -> None:
     system, form = wagon(), wagons_form()
     first, second = system.run(3.0, rtol=1e-12), form.run(3.0, rtol=1e-12)

@@ -210,6 +210,7 @@ def top() -> lg.System:
     )
 
 
+@pytest.mark.slow
 def test_a_top_runs_alike_and_its_angles_come_back() -> None:
     system = top()
     small = system.routhian(phi, psi)

@@ -4,6 +4,7 @@ import io
 import pickle
 import struct
 from collections.abc import Callable
+from functools import cache
 from io import BytesIO
 from itertools import combinations
 from pathlib import Path
@@ -27,7 +28,7 @@ from lagrange.trajectory.measures.times_and_points import moving_points, points_
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import SCENE_NAMES
-from tests.show.examples import farthest, oscillator, x
+from tests.show.examples import farthest, moving, oscillator, x
 
 DPI = 150
 """Dots to an inch of a file."""
@@ -175,7 +176,8 @@ def test_text_and_lines_have_contrast_with_their_paper(style: Any) -> None:
 
 
 def test_a_dark_figure_is_dark_in_all_its_parts() -> None:
-    figure = drawn(lg.scene("spherical-pendulum").run(3.0).plot(["coordinates", "path", "phase"], style="dark"))
+    run = moving(lambda a, b: a, lambda a, b: b, lambda a, b: a * b)
+    figure = drawn(run.plot(["coordinates", "path", "phase"], style="dark"))
     paper = to_rgb(DARK.paper)
     assert to_rgb(figure.get_facecolor()) == paper
     for axis in figure.axes:
@@ -393,16 +395,21 @@ def thrown(**positions: Any) -> lg.System:
     return lg.System(kinetic, z, initial={R.body: (1, 3, 2), x.dot: 1}, positions=positions, name="thrown")
 
 
+@cache
+def boxed() -> lg.System:
+    """Return a thrown box whose centre has a name."""
+    return thrown(box=lg.shape("box", R, (4, 2, 1), at=(x, y, z)), centre=(x, y, z))
+
+
 def test_corners_of_a_box_turn_about_its_place() -> None:
-    system = thrown(box=lg.shape("box", R, (4, 2, 1), at=(x, y, z)))
-    run = system.run(1.0)
+    run = boxed().run(1.0)
     result = points_at(run.model, run.t, run.y, run.parameters_at(run.t))
     corner = np.array(lg.shape("box", None, (4, 2, 1)).corners, dtype=float)
     assert {*map(tuple, corner.tolist())} == {(i, j, k) for i in (-2, 2) for j in (-1, 1) for k in (-0.5, 0.5)}
     centre = np.array([run[q] for q in (x, y, z)])
     expected = np.einsum("nij,cj->cin", run[R], corner) + centre
-    assert np.abs(np.array([*result.values()]) - expected).max() < 1e-14
-    links = system.statement.links
+    links = boxed().statement.links
+    assert np.abs(np.array([result[name] for name in result if name != "centre"]) - expected).max() < 1e-14
     sizes = [np.linalg.norm(result[a] - result[b], axis=0) for a, b, _ in links]
     assert sorted(np.round(size[-1], 9) for size in sizes) == [1] * 4 + [2] * 4 + [4] * 4
 
@@ -419,10 +426,9 @@ def test_outlines_lie_on_their_surface(kind: str, size: Any, count: int) -> None
 
 
 def test_corners_have_neither_a_mark_nor_a_path() -> None:
-    system = thrown(box=lg.shape("box", R, 1, at=(x, y, z)), centre=(x, y, z))
-    hidden = corners(system.statement.links)
+    hidden = corners(boxed().statement.links)
     assert len(hidden) == 8 and "centre" not in hidden
-    axis = system.run(1.0).plot("path").axes[0]
+    axis = boxed().run(1.0).plot("path").axes[0]
     marks = [line for line in axis.lines if line.get_marker() == "o"]
     assert len(marks) == 2  # the start and the end of the centre
 
@@ -494,16 +500,14 @@ def test_what_is_not_a_shape_in_a_scene_is_refused_at_its_line(case: str, tmp_pa
 
 
 def test_an_overview_has_the_rates_of_bodies() -> None:
-    system = thrown()
-    figure = system.run(1.0).plot()
+    run = boxed().run(1.0)
+    figure = run.plot()
     titles = [axis.get_title(loc="left") for axis in figure.axes]
     assert sum("R_{" in title for title in titles) == 3
-    run = system.run(1.0)
     shown = [np.asarray(axis.lines[0].get_ydata())[0] for axis in figure.axes[3:6]]
     assert np.allclose(shown, run[R.body][:, 0])
 
 
 def test_runs_are_named_by_the_rates_that_they_start_with() -> None:
-    system = thrown(tip=R * (1, 0, 0))
-    runs = [system.run(1.0, {R.body: (rate, 0, 0)}) for rate in (1, 2)]
+    runs = [boxed().run(1.0, {R.body: (rate, 0, 0)}) for rate in (1, 2)]
     assert labels_of(runs, None) == ["R_body_x = 1", "R_body_x = 2"]

@@ -16,6 +16,7 @@ from lagrange.statement.coordinate import coordinate
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
+from tests.models import shared_scene
 from tests.show.examples import double_pendulum, free, k, m, moving, oscillator, solved, x
 
 LINKED = [("origin", "p")]
@@ -216,7 +217,7 @@ def test_each_thing_that_can_be_asked_for_is_drawn(what: Any, values: Any) -> No
     ("word", "what"), [("phase plane", "phase"), ("phase_plane", "phase"), ("energy", "energies"), ("paths", "path")]
 )
 def test_other_words_for_what_is_shown_mean_the_same(word: str, what: str) -> None:
-    run = lg.scene("pendulum").run(1.0)
+    run = shared_scene("pendulum").run(1.0)
     result, expected = ([line.get_xydata() for line in run.plot(name).axes[0].lines] for name in (word, what))
     assert len(result) == len(expected) > 0
     for first, second in zip(result, expected, strict=True):
@@ -253,7 +254,7 @@ def test_multipliers_and_violations_of_constraints() -> None:
 
 
 def test_of_a_long_path_the_last_part_is_drawn_and_that_is_said() -> None:
-    run = lg.scene("kepler").run(1000.0)
+    run = shared_scene("kepler").run(1000.0)
     (axis,) = run.plot("path").axes
     title = axis.get_title("left")
     assert title.startswith("path from t = ")
@@ -265,7 +266,7 @@ def test_of_a_long_path_the_last_part_is_drawn_and_that_is_said() -> None:
 
 
 def test_fixed_points_are_marks_of_their_own() -> None:
-    (axis,) = lg.scene("kepler").run(2.0).plot("path").axes
+    (axis,) = shared_scene("kepler").run(2.0).plot("path").axes
     (sun,) = [line for line in axis.lines if line.get_label() == "sun"]
     assert sun.get_marker() == "P" and sun.get_linestyle() == "None"
     np.testing.assert_array_equal(np.asarray(sun.get_xydata()), [[0.0, 0.0]])
@@ -317,7 +318,7 @@ def test_several_runs_share_panels_and_are_named_by_what_differs() -> None:
     energies = lg.plot([first, second], "energies").axes[0].lines
     assert [line.get_linestyle() for line in energies] == ["-"] * 3 + ["--"] * 3
     assert energies[3].get_label() == "$T$ run 2"
-    pendulum = lg.scene("pendulum")
+    pendulum = shared_scene("pendulum")
     by_method = lg.plot([pendulum.run(1.0, method=name) for name in ("taylor", "dop853")], "theta")
     assert [line.get_label() for line in by_method.axes[0].lines] == ["taylor", "dop853"]
     by_parameter = lg.plot([pendulum.run(1.0, parameters={"l": length}) for length in (1.0, 2.0)], "theta")
@@ -325,7 +326,7 @@ def test_several_runs_share_panels_and_are_named_by_what_differs() -> None:
 
 
 def test_a_run_from_a_file_is_drawn_at_its_outputs_which_is_said(tmp_path: Any) -> None:
-    run = lg.load(lg.scene("pendulum").run(2.0).to_npz(tmp_path / "run.npz"))
+    run = lg.load(shared_scene("pendulum").run(2.0).to_npz(tmp_path / "run.npz"))
     axis = run.plot().axes[0]
     assert axis.get_title("left") == "the outputs, joined by straight lines"
     np.testing.assert_array_equal(axis.lines[0].get_xdata(), run.t)

@@ -28,7 +28,6 @@ from lagrange.show.figures.dynamics_figures import MOST_MODES, PANEL_HEIGHT, PAN
 from lagrange.show.figures.style import DARK
 from lagrange.show.race import COLUMNS, Race
 from tests.dynamics.planar import damped_pendulum, duffing, hoop, pendulum, star, theta, x, y
-from tests.models import shared_scene
 from tests.refusals import refusal
 
 RECORDS: dict[str, Callable[[], Any]] = {
@@ -145,7 +144,8 @@ def test_branches_meet_where_they_bifurcate() -> None:
 
 
 def test_modes_are_drawn_as_bars_and_on_the_positions() -> None:
-    modes = shared_scene("double-pendulum").modes()
+    energies: dict[str, Any] = {"kinetic": (x.dot**2 + y.dot**2) / 2, "potential": x**2 + 2 * y**2}
+    modes = lg.System(**energies, positions={"a": (x, 0), "b": (y, 1)}).modes()
     figure = modes.plot()
     assert len(figure.axes) == 4
     heights = [bar.get_height() for bar in figure.axes[0].patches if isinstance(bar, Rectangle)]
@@ -153,7 +153,7 @@ def test_modes_are_drawn_as_bars_and_on_the_positions() -> None:
     assert heights == pytest.approx(shapes.components[0])
     assert figure.axes[0].get_title("left").startswith("mode 1: $\\omega$ = ")
     # Where nothing is stated to draw there are bars alone, as on axes of the user's.
-    bare = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=x**2 + 2 * y**2).modes()
+    bare = lg.System(**energies).modes()
     assert len(bare.plot().axes) == 2
     mine = lg.figure().axes[0]
     bare.plot(ax=mine)
@@ -181,13 +181,11 @@ def test_titles_of_modes_say_how_they_move_and_many_modes_are_left_out() -> None
 # --- pictures of ensembles show the results of the runs --------------------------------------------------------
 
 
-@cache
-def pendulums() -> lg.System:
-    return lg.scene("pendulum")
+PENDULUM, STAR = lg.scene("pendulum"), lg.scene("henon-heiles")
 
 
 def test_a_map_has_a_colour_for_every_run() -> None:
-    runs = lg.ensemble(pendulums(), 1.0, lg.grid({"theta": (0.1, 2.0, 5), "l": (0.5, 1.5, 4), "m": [2.0]}))
+    runs = lg.ensemble(PENDULUM, 1.0, lg.grid({"theta": (0.1, 2.0, 5), "l": (0.5, 1.5, 4), "m": [2.0]}))
     panel, scale = runs.plot("theta_dot").axes
     (image,) = panel.images
     assert np.array_equal(np.asarray(image.get_array()), runs["theta_dot"].reshape(5, 4).T)
@@ -196,12 +194,12 @@ def test_a_map_has_a_colour_for_every_run() -> None:
     # Each colour stands around its start.
     width, height = 1.9 / 4 / 2, 1.0 / 3 / 2
     assert image.get_extent() == pytest.approx([0.1 - width, 2.0 + width, 0.5 - height, 1.5 + height])
-    uneven = lg.ensemble(pendulums(), 1.0, lg.grid({"theta": [0.1, 0.2, 0.4], "l": [2.0, 1.0]})).plot("theta_dot")
+    uneven = lg.ensemble(PENDULUM, 1.0, lg.grid({"theta": [0.1, 0.2, 0.4], "l": [2.0, 1.0]})).plot("theta_dot")
     assert not uneven.axes[0].images and len(uneven.axes[0].collections) == 1
 
 
 def test_angles_at_the_end_are_shown_in_one_turn() -> None:
-    runs = lg.ensemble(pendulums(), 5.0, lg.grid({"theta_dot": (0.0, 9.0, 6), "l": (0.5, 1.5, 4)}))
+    runs = lg.ensemble(PENDULUM, 5.0, lg.grid({"theta_dot": (0.0, 9.0, 6), "l": (0.5, 1.5, 4)}))
     assert np.abs(runs["theta"]).max() > 2 * np.pi
     panel, scale = runs.plot("theta").axes
     drawn = np.asarray(panel.images[0].get_array())
@@ -211,7 +209,7 @@ def test_angles_at_the_end_are_shown_in_one_turn() -> None:
 
 
 def test_members_that_failed_are_marked_on_a_map() -> None:
-    runs = lg.ensemble(lg.scene("henon-heiles"), 15.0, lg.grid({"x": (-0.2, 0.6, 8), "y": (-0.2, 0.6, 9)}))
+    runs = lg.ensemble(STAR, 15.0, lg.grid({"x": (-0.2, 0.6, 8), "y": (-0.2, 0.6, 9)}))
     figure = runs.plot("y")
     values, marks = figure.axes[0].images
     failed = np.array([not status.complete for status in runs.status]).reshape(8, 9).T
@@ -249,8 +247,8 @@ def test_units_and_what_was_kept_are_named() -> None:
 
 def test_last_states_are_drawn_beside_states_at_output_times() -> None:
     grid = lg.grid({"theta": (0.5, 3.0, 4), "theta_dot": (0.0, 9.0, 3)})
-    ends = lg.ensemble(pendulums(), 3.0, grid)
-    fans = lg.ensemble(pendulums(), 3.0, grid, t_eval=[1.0, 3.0])
+    ends = lg.ensemble(PENDULUM, 3.0, grid)
+    fans = lg.ensemble(PENDULUM, 3.0, grid, t_eval=[1.0, 3.0])
     maps = (
         runs.plot(name).axes[0].images[0] for runs, name in ((ends, "theta"), (ends, "theta_end"), (fans, "theta_end"))
     )
@@ -261,27 +259,27 @@ def test_last_states_are_drawn_beside_states_at_output_times() -> None:
 
 
 def test_a_fan_over_time_names_the_state_and_not_its_start() -> None:
-    fans = lg.ensemble(pendulums(), 3.0, {"theta": [0.5, 1.0, 1.5]}, t_eval=[0.0, 1.0, 3.0])
+    fans = lg.ensemble(PENDULUM, 3.0, {"theta": [0.5, 1.0, 1.5]}, t_eval=[0.0, 1.0, 3.0])
     assert fans.plot("theta").axes[0].get_ylabel() == r"$\theta$"
 
 
 def test_a_card_has_the_picture_and_the_first_failure() -> None:
-    runs = lg.ensemble(lg.scene("henon-heiles"), 15.0, lg.grid({"x": (0.0, 1.0, 6)}))
+    runs = lg.ensemble(STAR, 15.0, lg.grid({"x": (0.0, 1.0, 6)}))
     assert repr(runs).startswith("henon-heiles: 6 members, varying x\nmethod") and "member 2  taylor stopped" in repr(
         runs
     )
     shown = runs._repr_html_()
     assert shown.startswith("<table>") and "data:image/png;base64," in shown
-    lost = lg.ensemble(lg.scene("henon-heiles"), 15.0, {"x": [0.9, 1.0]})
+    lost = lg.ensemble(STAR, 15.0, {"x": [0.9, 1.0]})
     assert "there is nothing to draw" in lost._repr_html_()
     with pytest.raises(lg.StatementError, match="there is nothing to draw"):
         lost.plot()
 
 
 def test_a_table_has_a_line_for_each_member(tmp_path: Path) -> None:
-    x = pendulums().coordinates[0]
+    x = PENDULUM.coordinates[0]
     grid = lg.grid({"theta": (0.5, 2.0, 3), "l": [1.0, 2.0]})
-    runs = lg.ensemble(pendulums(), 3.0, grid, events=[x], keep=("end", "counts", ("events", 2)))
+    runs = lg.ensemble(PENDULUM, 3.0, grid, events=[x], keep=("end", "counts", ("events", 2)))
     lines = runs.to_csv(tmp_path / "runs.csv").read_text().splitlines()
     table = [dict(zip(lines[0].split(","), line.split(","), strict=True)) for line in lines[1:]]
     assert [row["status"] for row in table] == ["success"] * 6
@@ -291,13 +289,13 @@ def test_a_table_has_a_line_for_each_member(tmp_path: Path) -> None:
         assert (float(row["theta_end"]), float(row["theta_dot_end"])) == tuple(runs.y[:, i])
         assert float(row["t_event_0[0]"]) == runs.t_events[0][i, 0]
         assert float(row["y_event_0[0][1]"]) == runs.y_events[0][i, 0, 1]
-    over_time = lg.ensemble(pendulums(), 1.0, grid, t_eval=[0.5])
+    over_time = lg.ensemble(PENDULUM, 1.0, grid, t_eval=[0.5])
     with pytest.raises(lg.StatementError, match="cannot hold states at output times"):
         over_time.to_csv(tmp_path / "none.csv")
 
 
 def test_a_curve_is_drawn_over_what_varies_and_failures_are_told() -> None:
-    runs = lg.ensemble(lg.scene("henon-heiles"), 15.0, lg.grid({"x": (0.0, 1.0, 6)}), keep=("end", "counts"))
+    runs = lg.ensemble(STAR, 15.0, lg.grid({"x": (0.0, 1.0, 6)}), keep=("end", "counts"))
     figure = runs.plot("steps", style="dark")
     line, crosses = figure.axes[0].lines
     failed = np.array([not status.complete for status in runs.status])
@@ -310,14 +308,14 @@ def test_a_curve_is_drawn_over_what_varies_and_failures_are_told() -> None:
 
 def test_samples_are_a_histogram_and_rows_over_time_a_fan() -> None:
     sample = lg.sample({"l": (0.9, 1.1)}, 64, seed=2)
-    ends = lg.ensemble(pendulums(), 1.0, parameters=sample)
+    ends = lg.ensemble(PENDULUM, 1.0, parameters=sample)
     patches: list[Any] = list(ends.plot("theta").axes[0].patches)
     counts = [patch.get_height() for patch in patches]
     assert sum(counts) == 64
-    runs = lg.ensemble(pendulums(), 1.0, parameters=sample, t_eval=np.linspace(0.0, 1.0, 9))
+    runs = lg.ensemble(PENDULUM, 1.0, parameters=sample, t_eval=np.linspace(0.0, 1.0, 9))
     middle = runs.plot(runs.model.statement.coordinates[0]).axes[0].lines[-1]
     assert np.allclose(middle.get_ydata(), np.median(runs.y[0], axis=1))
-    few = lg.ensemble(pendulums(), 1.0, {"theta": np.linspace(0.1, 2.0, 12)}, t_eval=[0.0, 0.5, 1.0])
+    few = lg.ensemble(PENDULUM, 1.0, {"theta": np.linspace(0.1, 2.0, 12)}, t_eval=[0.0, 0.5, 1.0])
     lines = few.plot().axes[0].lines
     assert [np.asarray(line.get_ydata()).tolist() for line in lines] == few.y[0].T.tolist()
     assert len({line.get_color() for line in lines}) == 12
@@ -332,7 +330,7 @@ def test_samples_are_a_histogram_and_rows_over_time_a_fan() -> None:
     ],
 )
 def test_what_cannot_be_drawn_is_refused(call: Any, text: str) -> None:
-    runs = lg.ensemble(pendulums(), 0.1, lg.grid({"theta": [0.1, 0.2], "l": [1.0, 2.0], "g": [9.0, 10.0]}))
+    runs = lg.ensemble(PENDULUM, 0.1, lg.grid({"theta": [0.1, 0.2], "l": [1.0, 2.0], "g": [9.0, 10.0]}))
     assert text in refusal(call, runs)
 
 
