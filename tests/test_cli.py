@@ -145,10 +145,7 @@ TOO_FEW = "is not a number of output times. Give 2 or more, below 100 million."
         (["--set", "M=1"], "'M' is not a parameter of this system; its parameters are m and g."),
         (["--set", "y=1"], "--set y=1: y is a coordinate or velocity: write --initial y=1."),
         (["--initial", "m=1"], "--initial m=1: m is a parameter: write --set m=1."),
-        (
-            ["--out", "run.png"],
-            "--out run.png: this command writes several files into a folder: name a folder, such as",
-        ),
+        (["--out", "run.png"], "--out run.png: this command writes several files into a folder: name a folder, such a"),
     ],
 )
 def test_wrong_requests(arguments: list[str], message: str, scene: str, capsys: Captured) -> None:

@@ -314,10 +314,7 @@ CHANGES: list[tuple[Callable[[Path], Path], str]] = [
     (partial(_statement_with, old="theta_dot**2", new="theta_dot**9**9**9"), "a power of a constant that is computed"),
     (partial(_statement_with, old="kinetic =", new="kinetc ="), "'kinetc' is not a key of a scene"),
     (partial(_statement_with, old="kinetic =", new="kinetic"), "this is not TOML"),
-    (
-        partial(_changed, statement=np.array('{"form": 1, "nodes": []}')),
-        "its statement is JSON, as development versions",
-    ),
+    (partial(_changed, statement=np.array('{"form": 1, "nodes": []}')), "its statement is JSON, as development versio"),
     (partial(_changed, card=np.array("[" * 100_000)), "is not a run that to_npz wrote (RecursionError"),
     (partial(_changed, statement=np.array("a = " + "[" * 100_000)), "the file is nested too deeply"),
 ]

@@ -10,6 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
 
+import pytest
+
 from tests import covering
 from tests.covering import Case
 from tests.kept_code import KeptCode, shrink
@@ -80,6 +82,7 @@ for options in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_what_a_run_takes(tmp_path: Path) -> None:
     """A test that is named runs completely. Tests that are larger in a full run run in both."""
     file = tmp_path / "test_taken.py"

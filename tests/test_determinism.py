@@ -134,7 +134,7 @@ def test_every_process_gives_the_same_text(everything: bool) -> None:
     assert all(digests == first for digests in others)
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", NAMES)
 def test_no_text_names_what_the_user_named(name: str) -> None:
     """Names of symbols do not occur in generated code."""

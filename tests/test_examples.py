@@ -50,6 +50,7 @@ def test_period_of_a_pendulum(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert_is_a_picture(tmp_path / "new" / "pendulum_period.png")
 
 
+@pytest.mark.slow
 def test_euler_against_rk4(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     result = euler_against_rk4.main(tmp_path)
     over_the_top = 2 * 9.81
@@ -143,6 +144,7 @@ def test_magnet_pendulum(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert_is_a_picture(tmp_path / "magnet_pendulum.png")
 
 
+@pytest.mark.slow
 def test_beats(tmp_path: Path) -> None:
     modes, alone = beats.main(tmp_path)
     # At an amplitude of 0.02 the terms beyond second order are 1e-4 of the energy.

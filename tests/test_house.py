@@ -42,8 +42,26 @@ def nodes(tree: ast.AST) -> tuple[ast.AST, ...]:
     return tuple(ast.walk(tree))
 
 
+@cache
+def blocks(tree: ast.AST) -> tuple[list[ast.stmt], ...]:
+    """Return the lists of statements of a syntax tree: bodies, and what follows `else` and `finally`."""
+    result: list[list[ast.stmt]] = []
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        inside = [block for name in BLOCKS if isinstance(block := getattr(node, name, None), list)]
+        result += inside
+        waiting += [statement for block in inside for statement in block]
+        waiting += [*getattr(node, "handlers", ()), *getattr(node, "cases", ())]
+    return tuple(result)
+
+
+BLOCKS = ("body", "orelse", "finalbody")
+
+
 def functions(tree: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
-    return (node for node in nodes(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)))
+    every = (statement for block in blocks(tree) for statement in block)
+    return (statement for statement in every if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef)))
 
 
 def length(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
@@ -75,11 +93,10 @@ def silences(file: str, source: str) -> Iterator[str]:
 
 def never_reached(file: str, source: str) -> Iterator[str]:
     """Yield statements that are never executed, because they follow a return or raise in their block."""
-    for node in nodes(parsed(source)):
-        for block in (getattr(node, name, None) for name in ("body", "orelse", "finalbody")):
-            for before, statement in pairwise(block) if isinstance(block, list) else ():
-                if isinstance(before, (ast.Return, ast.Raise, ast.Continue, ast.Break)):
-                    yield f"{file}:{statement.lineno}"
+    for block in blocks(parsed(source)):
+        for before, statement in pairwise(block):
+            if isinstance(before, (ast.Return, ast.Raise, ast.Continue, ast.Break)):
+                yield f"{file}:{statement.lineno}"
 
 
 # --- words ----------------------------------------------------------------------------------------------------

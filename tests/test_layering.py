@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_house import nodes
+from tests.test_house import functions, nodes
 from tests.test_house import parsed as tree_of
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -137,8 +137,7 @@ def hidden_imports(modules: Modules) -> list[str]:
     """Return imports of the package inside functions, and imports by name outside two tables."""
     result = []
     for name, tree in modules.items():
-        functions = [node for node in nodes(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
-        for function in functions if name not in VIEWED else ():
+        for function in functions(tree) if name not in VIEWED else ():
             result += [f"{name}:{line} imports {what}" for what, line in imports_of(function, modules)]
             inside = statements_of_import(function)
             result += [f"{name}:{function.lineno} imports relatively" for node in inside if relative(node)]

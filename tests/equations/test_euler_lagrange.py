@@ -269,6 +269,10 @@ def test_a_page_shows_the_multiplier_and_accelerations_without_it() -> None:
     assert page.equations[1].rhs == NORMAL
     assert page.multipliers == {"floor": g * m * cos(slope)}
     assert sympy.expand(page.accelerations[x] - g * (sin(slope) - mu * cos(slope) * sign(x.dot))) == 0
+
+
+@pytest.mark.slow
+def test_forces_with_multipliers_are_checked() -> None:
     assert incline().check()
 
 

@@ -199,10 +199,10 @@ def test_the_textbook_gets_a_row() -> None:
     back = {plain: stated for stated, plain in statement.plain.items()}
     solved = [a.xreplace(back) for a in model.expressions["accelerations"]]
     right = dict(zip(statement.coordinates, solved, strict=True))
-    report = checked(model, textbook=right)
+    report = checked(model, points=2, textbook=right)
     assert report and report.rows[-1].quantity == "textbook accelerations"
     wrong = {acceleration_of(q): a * (1 + 1e-9) for q, a in right.items()}
-    assert failing(checked(model, textbook=wrong)) == ["textbook accelerations"]
+    assert failing(checked(model, points=2, textbook=wrong)) == ["textbook accelerations"]
 
 
 def test_a_textbook_with_a_gap_is_refused() -> None:
@@ -268,9 +268,9 @@ def test_as_many_points_are_taken_as_there_is_time_for(monkeypatch: pytest.Monke
 
 
 def test_a_number_of_points_that_is_given_is_checked_in_full(monkeypatch: pytest.MonkeyPatch) -> None:
-    full = checked(StandIn(statements.kepler()), points=5)
-    asked = along_directions(StandIn(statements.kepler()), monkeypatch, points=5)
-    assert len(asked.points) == 5 and not asked.notes and asked.rows == full.rows
+    model = StandIn(statements.kepler())
+    full, asked = checked(model, points=2), along_directions(model, monkeypatch, points=2)
+    assert len(asked.points) == 2 and not asked.notes and asked.rows == full.rows
 
 
 @pytest.mark.parametrize("statement", [statements.kepler, statements.driven_oscillator])
@@ -298,7 +298,7 @@ def test_a_wrong_mass_matrix_does_not_excuse_wrong_accelerations(monkeypatch: py
     assert QUANTITIES["accelerations"] in failing(along_directions(model, monkeypatch))
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("scene", ["double-pendulum", "four-bar", "knife-edge", "free-top"])
 def test_right_systems_hold_along_a_direction(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lagrange.evidence.check.MOST_WORK", 1)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import mpmath
@@ -87,6 +88,11 @@ def test_the_quick_check_passes_what_is_right(make: Callable[[], lg.System], mon
     quick_check(make().compile(check=False))
 
 
+@cache
+def compiled_rod() -> Model:
+    return rod_pendulum().compile()
+
+
 class Wrong(Model):
     """A model with wrong quantities. `errors` maps their names to the errors that are added."""
 
@@ -104,7 +110,7 @@ class Wrong(Model):
 @pytest.mark.few(2)
 @pytest.mark.parametrize("quantity", CONSTRAINT_QUANTITIES)
 def test_a_wrong_quantity_of_the_constraints_is_found(quantity: str) -> None:
-    report = check(Wrong(rod_pendulum().compile(), {quantity: 1e-9}), points=1)
+    report = check(Wrong(compiled_rod(), {quantity: 1e-9}), points=1)
     assert [row.quantity for row in report.rows if not row.holds] == [CONSTRAINT_QUANTITIES[quantity]]
     assert "rod" in report.failures[0].partition(", entry ")[2].partition(":")[0]
 
@@ -116,7 +122,7 @@ def test_a_wrong_quantity_of_the_constraints_is_found(quantity: str) -> None:
 )
 def test_the_quick_check_finds_wrong_accelerations(error: Callable[[Any], Any]) -> None:
     with pytest.raises(RunError, match="the compiled accelerations of system are wrong"):
-        quick_check(Wrong(rod_pendulum().compile(), {"accelerations": error}))
+        quick_check(Wrong(compiled_rod(), {"accelerations": error}))
 
 
 Change = Callable[[ConstraintEquations], ConstraintEquations]
@@ -196,7 +202,7 @@ def test_a_precise_run_keeps_the_rod_and_agrees_with_the_angle() -> None:
     free = lg.System(kinetic=m * l**2 * theta.dot**2 / 2, potential=-m * g * l * cos(theta))
     digits = 22
     (ends,) = precise_run(
-        held.compile(), {p: values[p] for p in held.statement.parameters}, 0.0, [0.6, -0.8, 0.0, 0.0], [1.0],
+        compiled_rod(), {p: values[p] for p in held.statement.parameters}, 0.0, [0.6, -0.8, 0.0, 0.0], [1.0],
         digits=digits,
     )  # fmt: skip
     with mpmath.workdps(40):

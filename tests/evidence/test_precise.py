@@ -259,8 +259,8 @@ def test_closed_forms_to_all_digits(statement: Any, exact: Callable[[float], Any
 
 def test_a_run_backwards_comes_home() -> None:
     statement = double_pendulum()
-    there = run(statement, [2.0], digits=22)[0]
-    back = run(statement, [0.0], start=there, t0=2.0, digits=22)[0]
+    there = run(statement, [0.5], digits=22)[0]
+    back = run(statement, [0.0], start=there, t0=0.5, digits=22)[0]
     assert off(back, statement.initial) < 1e-20
 
 

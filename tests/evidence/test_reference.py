@@ -167,8 +167,8 @@ def row(length: int) -> Statement:
 
 
 def test_local_terms_give_the_same_reference(monkeypatch: pytest.MonkeyPatch) -> None:
-    statement = row(5)
-    point, columns = Sampler(statement, 0).point(SAMPLE_KINDS[1]), list(range(10))
+    statement = row(4)
+    point, columns = Sampler(statement, 0).point(SAMPLE_KINDS[1]), columns_of(statement)
     whole = Reference(statement).at(point, columns)
     monkeypatch.setattr(differences, "LOCAL_FROM", 2)
     local = Reference(statement).at(point, columns)

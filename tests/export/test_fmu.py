@@ -210,7 +210,8 @@ def test_a_singular_matrix_is_a_status_with_a_message(cause: str, tmp_path: Path
         assert any(f"a matrix is singular to round-off {cause}" in item for item in messages)
 
 
-def test_units_are_defined_and_given(tmp_path: Path) -> None:
+def test_units_are_defined_and_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)  # the description needs no library
     x = lg.coordinates("x")
     m, k = lg.parameters("m k")
     system = lg.System(

@@ -65,6 +65,7 @@ def every_second(first: int) -> pytest.MarkDecorator:
     ])  # fmt: skip
 
 
+@pytest.mark.few(1)
 @every_target
 @pytest.mark.parametrize("scene", every_scene("double-pendulum", "cartesian-double-pendulum"))
 def test_a_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:

@@ -80,10 +80,14 @@ def slide(tab: Tab, place: int) -> float:
     return moved
 
 
-TURNING = [name for name in SCENE_NAMES if "rotations" in stated_in(name)]
+def scenes(quick: str, names: Sequence[str]) -> list[Any]:
+    """Return scenes as test parameters, all but one of them slow."""
+    return [pytest.param(name, marks=[pytest.mark.slow] * (name != quick)) for name in names]
 
 
-@pytest.mark.few(1)
+TURNING = scenes("heavy-top", [name for name in SCENE_NAMES if "rotations" in stated_in(name)])
+
+
 @pytest.mark.parametrize("scene", TURNING)
 def test_a_scene_with_rotations_follows_the_sliders_of_its_rates(scene: str, browser: Browser, tmp_path: Path) -> None:
     """The sliders are the initial rates about the axes of the body. Constraints may change other values."""
@@ -103,11 +107,12 @@ def test_a_scene_with_rotations_follows_the_sliders_of_its_rates(scene: str, bro
         assert moves_as_ours(tab, system, [0.0, 0.1])
 
 
-SHOWN = [name for name in SCENE_NAMES if stated_in(name).isdisjoint({"contacts", "rotations"})]
+SHOWN = scenes(
+    "cartesian-pendulum", [name for name in SCENE_NAMES if stated_in(name).isdisjoint({"contacts", "rotations"})]
+)
 """A page has no contacts. Those with rotations have sliders of rates, see below."""
 
 
-@pytest.mark.few(1)
 @pytest.mark.parametrize("scene", SHOWN)
 def test_a_scene_moves_as_ours_and_follows_its_sliders(scene: str, browser: Browser, tmp_path: Path) -> None:
     system = shared_scene(scene)
@@ -163,11 +168,16 @@ REFUSED = {
 """What a script of another could try, and how the policy of the page answers."""
 
 
-@pytest.mark.parametrize("tried", REFUSED)
-def test_nothing_else_runs_and_nothing_is_fetched(tried: str, browser: Browser, tmp_path: Path) -> None:
-    with browser.open(pendulum().to_page(tmp_path / "page.html")) as tab:
-        said = tab.value(f"(async () => ({tried})(document.body))().catch(String)")
-        assert re.match(REFUSED[tried], said)
+@pytest.fixture(scope="module")
+def swinging(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the page of a pendulum."""
+    return pendulum().to_page(tmp_path_factory.mktemp("page") / "page.html")
+
+
+def test_nothing_else_runs_and_nothing_is_fetched(browser: Browser, swinging: Path) -> None:
+    with browser.open(swinging) as tab:
+        for tried, answer in REFUSED.items():
+            assert re.match(answer, tab.value(f"(async () => ({tried})(document.body))().catch(String)")), tried
 
 
 def collapsing() -> lg.System:
@@ -229,6 +239,7 @@ def test_the_start_stays_on_the_constraints(browser: Browser, tmp_path: Path) ->
         assert tab.text("#said") == ""
 
 
+@pytest.mark.slow
 def test_a_value_that_jumps_moves_a_linkage_as_one_that_is_dragged(browser: Browser, tmp_path: Path) -> None:
     system = shared_scene("four-bar")
     place = [p.name for p in system.statement.parameters].index("l1")
@@ -243,8 +254,8 @@ def test_a_value_that_jumps_moves_a_linkage_as_one_that_is_dragged(browser: Brow
     assert crank[0] == pytest.approx(crank[1], abs=0.05)
 
 
-def test_a_browser_that_asks_for_less_motion_gets_a_page_at_rest(browser: Browser, tmp_path: Path) -> None:
-    with browser.open(pendulum().to_page(tmp_path / "page.html")) as tab:
+def test_a_browser_that_asks_for_less_motion_gets_a_page_at_rest(browser: Browser, swinging: Path) -> None:
+    with browser.open(swinging) as tab:
         assert tab.text("#play") == "Pause"
         tab.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
         tab.call("Page.reload")
@@ -253,8 +264,8 @@ def test_a_browser_that_asks_for_less_motion_gets_a_page_at_rest(browser: Browse
         assert tab.value("lagrange.state().t") == 0
 
 
-def test_keys(browser: Browser, tmp_path: Path) -> None:
-    with browser.open(pendulum().to_page(tmp_path / "page.html")) as tab:
+def test_keys(browser: Browser, swinging: Path) -> None:
+    with browser.open(swinging) as tab:
         tab.press(" ", "Space")
         assert tab.text("#play") == "Play"
         tab.press("r")
@@ -298,10 +309,7 @@ def test_fingers(browser: Browser, tmp_path: Path) -> None:
         assert tab.complaints() == []
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize(
-    "scene", ["double-pendulum", pytest.param("pleiades", marks=pytest.mark.slow), "seven-body-mechanism", "four-bar"]
-)
+@pytest.mark.parametrize("scene", scenes("double-pendulum", ("double-pendulum", "pleiades", "four-bar")))
 def test_a_phone_shows_everything_in_its_width(scene: str, browser: Browser, tmp_path: Path) -> None:
     with browser.open(shared_scene(scene).to_page(tmp_path / "page.html"), *PHONE) as tab:
         assert tab.value("document.documentElement.scrollWidth") == PHONE[0]
@@ -318,15 +326,14 @@ def test_everything_that_is_operated_has_a_name(browser: Browser, tmp_path: Path
         assert "Moving picture of spherical-pendulum: the points bob" in pictures
 
 
-def test_light_and_dark(browser: Browser, tmp_path: Path) -> None:
+def test_light_and_dark(browser: Browser, swinging: Path) -> None:
     paper = "getComputedStyle(document.body).backgroundColor"
-    page = pendulum().to_page(tmp_path / "page.html")
-    with browser.open(page) as tab:
+    with browser.open(swinging) as tab:
         assert tab.value(paper) == "rgb(255, 255, 255)"
         tab.click("#style")
         assert tab.value(paper) == "rgb(22, 25, 29)"
         assert tab.text("#style") == "Light"
-    with browser.open(page, dark=True) as tab:
+    with browser.open(swinging, dark=True) as tab:
         assert tab.value(paper) == "rgb(22, 25, 29)"
         tab.click("#style")
         assert tab.value(paper) == "rgb(255, 255, 255)"

@@ -4,6 +4,8 @@ import base64
 import hashlib
 import json
 import re
+from collections.abc import Callable
+from functools import cache
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,8 @@ from tests.refusals import refusal
 from tests.systems import pendulum
 
 Captured = pytest.CaptureFixture[str]
+Pages = Callable[[str], Path]
+"""The fixture `page_of`: the name of a scene -> its page."""
 
 
 def parts(page: Path) -> tuple[list[str], list[str]]:
@@ -44,9 +48,21 @@ def data_of(text: str) -> dict[str, Any]:
     return result
 
 
-def test_a_double_pendulum_takes_less_than_200_kb_and_nothing_from_elsewhere(tmp_path: Path) -> None:
-    page = shared_scene("double-pendulum").to_page(tmp_path / "page.html")
-    assert page == (tmp_path / "page.html").resolve()
+@pytest.fixture(scope="module")
+def page_of(tmp_path_factory: pytest.TempPathFactory) -> Pages:
+    """Return a function that writes the page of a scene, once for all tests. "" is a pendulum without positions."""
+
+    @cache
+    def written(scene: str) -> Path:
+        system = shared_scene(scene) if scene else pendulum()
+        return system.to_page(tmp_path_factory.mktemp("page") / "page.html")
+
+    return written
+
+
+def test_a_double_pendulum_takes_less_than_200_kb_and_nothing_from_elsewhere(page_of: Pages) -> None:
+    page = page_of("double-pendulum")
+    assert page == page.resolve()
     assert page.stat().st_size < 200_000
     text = page.read_text("utf-8")
     assert not re.search(r"""\b(src|href|url|import)\b\s*[=(]""", text)
@@ -55,19 +71,18 @@ def test_a_double_pendulum_takes_less_than_200_kb_and_nothing_from_elsewhere(tmp
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("scene", ["double-pendulum", "four-bar", "two-point-vortices"])
-def test_the_page_has_the_exported_bytes(scene: str, tmp_path: Path) -> None:
+def test_the_page_has_the_exported_bytes(scene: str, tmp_path: Path, page_of: Pages) -> None:
     system = shared_scene(scene)
     file, _ = system.export("javascript", tmp_path, contents(system.statement)).files
-    page = system.to_page(tmp_path / "page.html")
-    module = parts(page)[0][2]
+    module = parts(page_of(scene))[0][2]
     assert module.startswith(file.read_text())
     assert module.removeprefix(file.read_text()).startswith(
         "\nstartPage({ prepare, STATE, PREPARED, rhs, energy, dop853"
     )
 
 
-def test_the_policy_allows_what_is_there_alone(tmp_path: Path) -> None:
-    page = shared_scene("pendulum").to_page(tmp_path / "page.html")
+def test_the_policy_allows_what_is_there_alone(page_of: Pages) -> None:
+    page = page_of("pendulum")
     (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page.read_text("utf-8"))
     (_, *scripts), (style,) = parts(page)
     hashes = [
@@ -86,9 +101,8 @@ def test_the_policy_allows_what_is_there_alone(tmp_path: Path) -> None:
     assert not re.search(r"<[^>]*\s(style|on\w+)=", page.read_text("utf-8"))
 
 
-def test_the_same_statement_gives_the_same_page(tmp_path: Path) -> None:
-    first, second = (pendulum().to_page(tmp_path / name).read_bytes() for name in ("a.html", "b.html"))
-    assert first == second
+def test_the_same_statement_gives_the_same_page(tmp_path: Path, page_of: Pages) -> None:
+    assert pendulum().to_page(tmp_path / "page.html").read_bytes() == page_of("").read_bytes()
 
 
 def test_every_file_of_the_template_is_used() -> None:
@@ -113,16 +127,16 @@ def test_what_is_given_is_in_the_page(tmp_path: Path) -> None:
     assert "default_parameters = Object.freeze([1.0, 9.81, 2.5])" in page.read_text("utf-8")
 
 
-def test_springs_rods_and_points_are_in_the_page(tmp_path: Path) -> None:
-    result = data(shared_scene("double-pendulum").to_page(tmp_path / "page.html"))
+def test_springs_rods_and_points_are_in_the_page(page_of: Pages) -> None:
+    result = data(page_of("double-pendulum"))
     assert (result["points"], result["dimension"]) == (["bob1", "bob2"], 2)
     assert result["links"] == [[2, 0, "rod"], [0, 1, "rod"]]
-    result = data(shared_scene("elastic-pendulum").to_page(tmp_path / "page.html"))
+    result = data(page_of("elastic-pendulum"))
     assert result["links"] == [[1, 0, "spring"]]
 
 
-def test_springs_and_directions_of_space_are_those_of_figures(tmp_path: Path) -> None:
-    result = data(shared_scene("elastic-pendulum").to_page(tmp_path / "page.html"))
+def test_springs_and_directions_of_space_are_those_of_figures(page_of: Pages) -> None:
+    result = data(page_of("elastic-pendulum"))
     start, end = np.array([1.0, 2.0]), np.array([4.0, 6.0])
     along, aside = np.array(result["spring"]).T
     corners = start[:, None] + np.outer(end - start, along) + 0.5 * np.outer([-0.8, 0.6], aside)
@@ -140,24 +154,24 @@ def test_fixed_points_have_no_colour_and_no_entry_in_the_legend(tmp_path: Path) 
     assert entries == [("colour0", "bob"), ("colour1", "tip")]
 
 
-def test_a_velocity_has_no_dot_beside_its_slider_or_plot(tmp_path: Path) -> None:
-    page = pendulum().to_page(tmp_path / "page.html")
+def test_a_velocity_has_no_dot_beside_its_slider_or_plot(page_of: Pages) -> None:
+    page = page_of("")
     assert [state["letter"] for state in data(page)["states"]] == ["θ", "dθ/dt"]
     label = re.findall(r'<label for="slider4">(.*?)</label>', page.read_text("utf-8"))
     assert re.sub("<[^>]*>", "", label[0]) == "dθ/dt"
 
 
-def test_a_system_without_energies_or_positions(tmp_path: Path) -> None:
+def test_a_system_without_energies_or_positions(page_of: Pages) -> None:
     assert contents(shared_scene("two-point-vortices").statement) == ("rhs", "energy", "dop853", "positions")
-    page = pendulum().to_page(tmp_path / "page.html")
+    page = page_of("")
     assert "No positions are stated for this system" in page.read_text("utf-8")
     assert data(page)["dimension"] == 0
 
 
-def test_what_can_be_turned_says_so(tmp_path: Path) -> None:
+def test_what_can_be_turned_says_so(page_of: Pages) -> None:
     said = '<p class="hint">Drag to turn</p>'
-    assert said in shared_scene("spherical-pendulum").to_page(tmp_path / "page.html").read_text("utf-8")
-    assert said not in shared_scene("pendulum").to_page(tmp_path / "page.html").read_text("utf-8")
+    assert said in page_of("spherical-pendulum").read_text("utf-8")
+    assert said not in page_of("pendulum").read_text("utf-8")
 
 
 def test_formulas_that_are_too_long_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,8 +202,8 @@ def test_bounds_of_sliders() -> None:
     assert [nice(size) for size in (0.03, 0.11, 2.5, 1.0, 7.0, 5e-324)] == [0.03, 0.2, 3.0, 1.0, 10.0, 5e-324]
 
 
-def test_an_angle_goes_all_round_and_other_coordinates_keep_their_sign(tmp_path: Path) -> None:
-    text = shared_scene("elastic-pendulum").to_page(tmp_path / "page.html").read_text("utf-8")
+def test_an_angle_goes_all_round_and_other_coordinates_keep_their_sign(page_of: Pages) -> None:
+    text = page_of("elastic-pendulum").read_text("utf-8")
     bounds = {
         spoken: (float(low), float(high))
         for low, high, spoken in re.findall(r'min="([^"]*)" max="([^"]*)"[^>]*aria-label="([^"]*)"', text)
@@ -286,7 +300,7 @@ def test_a_wrong_command(given: list[str], said: str, tmp_path: Path, capsys: Ca
 
 
 def test_a_notebook_shows_the_page_with_the_chosen_sliders_first() -> None:
-    system = lg.scene("double-pendulum")
+    system = shared_scene("double-pendulum")
     shown = system.explore(l1=(0.5, 0.8), theta2_dot=(-5, 5), t_end=4.0, play=False, style="dark")._repr_html_()
     assert shown.startswith('<iframe title="sliders of double-pendulum" sandbox="allow-scripts"')
     page = unescape(shown.partition('srcdoc="')[2])
@@ -320,13 +334,13 @@ def test_inputs_without_values_are_refused() -> None:
 
 
 def test_there_is_room_for_so_many_sliders() -> None:
-    names = [f"{q.func.__name__}{rate}" for q in lg.scene("pleiades").coordinates for rate in ("", "_dot")]
+    names = [f"{q.func.__name__}{rate}" for q in shared_scene("pleiades").coordinates for rate in ("", "_dot")]
     with pytest.raises(StatementError, match="28 sliders were asked for: give bounds for at most 12"):
-        lg.scene("pleiades").explore(dict.fromkeys(names, (0, 1)))
+        shared_scene("pleiades").explore(dict.fromkeys(names, (0, 1)))
 
 
 def test_ranges_by_symbol_and_by_keyword_are_taken_together() -> None:
-    system = lg.scene("pendulum")
+    system = shared_scene("pendulum")
     (theta,) = system.coordinates
     page = system.explore({theta.dot: (-1, 1), theta: (3, 4)}, l=(2, 3)).html
     sliders = [(slider["kind"], slider["value"]) for slider in data_of(page)["sliders"][:3]]

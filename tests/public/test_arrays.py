@@ -221,18 +221,12 @@ loose_system: Any = system
 WRONG_ARGUMENTS: list[tuple[Callable[[], Any], str]] = [
     (lambda: ensemble().explain(99), "member = 99: give a whole number from 0 to 2."),
     (lambda: ensemble().messages["0"], "member is '0' (str): give a number."),
-    (
-        lambda: ensemble().messages[1],
-        "member 1 succeeded, so it has no message: ask for a member that did not succeed.",
-    ),
+    (lambda: ensemble().messages[1], "member 1 succeeded, so it has no message: ask for a member that did not succeed"),
     (lambda: loose.bifurcation(pendulum(), "m", [1, 2], points="many"), "points is 'many' (str): give a number."),
     (lambda: loose.bifurcation(pendulum(), "m", [1, 2], follow=3), "follow = 3: give True or False."),
     (lambda: loose.race(pendulum(), 0.1, outputs=1e308), "outputs = 1e+308: give a whole number from 1 to 100000."),
     (lambda: lg.poincare(pendulum(), theta, skip=2**63), "skip = 9223372036854775808: give a whole number from 0 to"),
-    (
-        lambda: lg.poincare(pendulum(), theta, [{}] * 3, skip=10**8),
-        "the states of 3e+08 points, with those that skip= leaves",
-    ),
+    (lambda: lg.poincare(pendulum(), theta, [{}] * 3, skip=10**8), "the states of 3e+08 points, with those that skip="),
     (lambda: loose.plot(run(), labels=5), "labels are 5: give a text for each of 1 run."),
     (lambda: loose.plot(run(), labels=endless()), "labels has more than 10000 entries: give fewer."),
     (lambda: loose.Model.evaluate(run().model, ["rhs"], [0.0], [0.0]), "name is ['rhs'] (list): give a text."),

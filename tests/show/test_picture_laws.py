@@ -378,10 +378,6 @@ def test_a_figure_pickles() -> None:
     assert type(again) is type(figure) and png_of(again)[0] == png_of(figure)[0]
 
 
-def test_an_empty_figure_has_a_name() -> None:
-    assert repr(new_figure()) == "<figure, 0 panels: .savefig(path) writes it to a file>"
-
-
 # --- drawn bodies: corners turn with the rotation, edges connect them, and corners have no marks ---------------
 
 

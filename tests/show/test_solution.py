@@ -57,11 +57,7 @@ def test_rows_by_expression_and_by_name() -> None:
 @pytest.mark.parametrize(
     ("call", "value", "words"),
     [
-        (
-            HARMONIC.__getitem__,
-            "x_dott",
-            "'x_dott' is neither a coordinate nor a velocity of this system; they are x an",
-        ),
+        (HARMONIC.__getitem__, "x_dott", "'x_dott' is neither a coordinate nor a velocity of this system; they are x "),
         (HARMONIC.__getitem__, "x_dott", "Did you mean 'x_dot'?"),
         (HARMONIC.__getitem__, coordinate("theta"), "'theta' is neither a coordinate nor a velocity"),
         (HARMONIC.__getitem__, 0, "'0' is neither a coordinate nor a velocity"),
