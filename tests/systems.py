@@ -6,7 +6,7 @@ from typing import Any
 from sympy import cos, sin
 
 import lagrange as lg
-from tests.models import g, l, m, theta, x, y
+from tests.models import g, l, m, phi, theta, x, y
 
 
 def pendulum(**changes: Any) -> lg.System:
@@ -19,6 +19,12 @@ def pendulum(**changes: Any) -> lg.System:
         "name": "pendulum",
     }
     return lg.System(**stated | changes)
+
+
+def conical_pendulum(**changes: Any) -> lg.System:
+    """Return a pendulum in space, in its angle to the vertical and the angle about it."""
+    kinetic, potential = m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2, -m * g * l * cos(theta)
+    return lg.System(kinetic, potential, **{"coordinates": [theta, phi]} | changes)
 
 
 def unit_pendulum(**changes: Any) -> lg.System:

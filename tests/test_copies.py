@@ -19,25 +19,21 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from sympy import cos
 
 import lagrange as lg
 from lagrange.machine.drivers import SeriesDriver
 from lagrange.show.files.loaded_run import arrays_of
 from lagrange.trajectory.methods.registry import find, names
+from tests import systems
+from tests.models import g, theta
 from tests.public import surface
 from tests.public.test_wrong_calls import Caught
 from tests.refusals import refusal
 
-theta = lg.coordinate("theta")
-g = lg.parameters("g")
-
 
 @cache
 def pendulum() -> lg.System:
-    return lg.System(
-        kinetic=theta.dot**2 / 2, potential=-g * cos(theta), parameters={g: 9.81}, initial={theta: 2.0}, name="pendulum"
-    )
+    return systems.pendulum()
 
 
 def bounce() -> lg.Event:

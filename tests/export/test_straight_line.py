@@ -1,6 +1,5 @@
 """Programs as text for JAX and CasADi: operations, literals, refusals, self-tests, and the text itself."""
 
-import ast
 import importlib.util
 import itertools
 import math
@@ -25,7 +24,6 @@ from lagrange.recipes import sympy as sympy_recipe
 from lagrange.statement.vocabulary.functions import CONDITIONS
 from tests.export.callers import every_scene, held, run, section
 from tests.export.test_modules import coupled
-from tests.models import SYSTEMS, model
 
 SOURCES: dict[str, Callable[..., str]] = {"jax": jax.LIBRARY.source, "casadi": casadi.LIBRARY.source}
 every_package = pytest.mark.parametrize("package", ["casadi", pytest.param("jax", marks=pytest.mark.slow)])
@@ -152,15 +150,6 @@ def test_constants_are_divided_as_doubles_and_numbers_are_conditions(package: st
     assert values_of(package, program_of(by_zero, 1), y)[0].tolist() == [math.inf, -math.inf]
     chosen = [*numbers, Instruction("state"), Instruction("select", (2, 0, 1))]
     assert values_of(package, program_of(chosen, 1), np.array([[0.0, 0.5]]))[0].tolist() == [0.0, 1.0]
-
-
-@every_package
-def test_the_text_is_plain_and_ends_with_one_newline(package: str) -> None:
-    for name in SYSTEMS:
-        text = SOURCES[package](model(name, "numpy").interpreted("rhs").program, "rhs", ["y = [x]"])
-        ast.parse(text)
-        assert text.isascii() and text.endswith("\n") and not text.endswith("\n\n")
-        assert all(len(line) == len(line.rstrip()) for line in text.splitlines())
 
 
 # --- models exported for JAX and CasADi pass their self-tests, and run as the pages say ------------------------

@@ -17,6 +17,7 @@ from lagrange.mechanics.roots import solved
 from lagrange.mechanics.stability import has_energy
 from tests.models import shared_scene
 from tests.refusals import refusal
+from tests.systems import conical_pendulum
 
 m, g, l, k, c, w, R, a = lg.parameters("m g l k c w R a")
 u = lg.parameters("u", positive=False)
@@ -53,12 +54,7 @@ def test_a_bead_on_a_hoop_has_four_and_knows_when() -> None:
 
 def test_steady_motions_of_ignorable_coordinates() -> None:
     # A conical pendulum: cos(theta) = g/(l w^2).
-    pendulum = lg.System(
-        m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2,
-        -m * g * l * cos(theta),
-        coordinates=[theta, phi],
-        parameters={m: 1, g: 9.81, l: 1, w: 5},
-    )
+    pendulum = conical_pendulum(parameters={m: 1, g: 9.81, l: 1, w: 5})
     cone = next(item for item in pendulum.equilibria({phi: w}) if item.stable)
     assert cone.coordinates == {theta: acos(g / (l * w**2)), phi: phi}
     assert cone.velocities == {phi.dot: w}

@@ -15,6 +15,7 @@ from lagrange.mechanics import small_changes
 from lagrange.mechanics.plain_form import Shortener, numeric
 from tests.models import shared_scene
 from tests.refusals import refusal
+from tests.systems import conical_pendulum, pendulum, rod_pendulum
 
 m, g, l, k, c, w, M, R = lg.parameters("m g l k c w M R")
 u = lg.parameters("u", positive=False)
@@ -69,12 +70,7 @@ def test_a_given_function_is_an_input_too() -> None:
 
 
 def test_a_steady_motion_is_one_and_others_are_told() -> None:
-    pendulum = lg.System(
-        m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2,
-        -m * g * l * cos(theta),
-        coordinates=[theta, phi],
-        parameters={m: 1, g: 9.81, l: 1, w: 5},
-    )
+    pendulum = conical_pendulum(parameters={m: 1, g: 9.81, l: 1, w: 5})
     steady = pendulum.linearize({theta: acos(g / (l * w**2)), phi.dot: w})
     assert steady.note == "About a steady motion."
     assert sympy.simplify(steady.K[0, 0] - m * (l**2 * w**4 - g**2) / w**2) == 0
@@ -108,13 +104,13 @@ def test_constraints_leave_independent_coordinates() -> None:
 
 
 def test_a_knife_edge_has_more_positions_than_velocities() -> None:
-    sled = lg.System(
-        m * (x.dot**2 + y.dot**2) / 2 + M * theta.dot**2 / 2,
-        k * (x**2 + y**2 + theta**2) / 2,
-        coordinates=[x, y, theta],
-        constraints={"edge": y.dot * cos(theta) - x.dot * sin(theta)},
-        parameters={m: 1, M: 2, k: 3},
-    )
+    sledge: dict[str, Any] = {
+        "kinetic": m * (x.dot**2 + y.dot**2) / 2 + M * theta.dot**2 / 2,
+        "coordinates": [x, y, theta],
+        "constraints": {"edge": y.dot * cos(theta) - x.dot * sin(theta)},
+        "parameters": {m: 1, M: 2, k: 3},
+    }
+    sled = lg.System(potential=k * (x**2 + y**2 + theta**2) / 2, **sledge)
     lin = sled.linearize({})
     assert (lin.M.shape, lin.K.shape, lin.A.shape) == ((2, 2), (2, 3), (5, 5))
     assert (
@@ -123,13 +119,7 @@ def test_a_knife_edge_has_more_positions_than_velocities() -> None:
     modes = sled.modes({})
     assert set(modes.frequencies) == {sympy.sqrt(k) / sympy.sqrt(m), sympy.sqrt(k) / sympy.sqrt(M)}
     assert (modes.linearization.coordinates, modes.stable) == ((x, theta), None)
-    blown = lg.System(
-        sled.statement.kinetic,
-        k * x * y,
-        coordinates=[x, y, theta],
-        constraints={"edge": y.dot * cos(theta) - x.dot * sin(theta)},
-        parameters={m: 1, M: 2, k: 3},
-    )
+    blown = lg.System(potential=k * x * y, **sledge)
     with pytest.raises(StatementError, match=r"system has constraints on velocities, and its forces depend on more"):
         blown.modes({})
 
@@ -155,19 +145,6 @@ def test_it_pickles_and_says_what_it_is() -> None:
     assert repr(lin).startswith("<Linearization: About an equilibrium. M = [[M + m, l*m], [l*m, ")
 
 
-def rod(**more: Any) -> lg.System:
-    return lg.System(
-        m * (x.dot**2 + y.dot**2) / 2,
-        m * g * y,
-        coordinates=[x, y],
-        constraints={"rod": x**2 + y**2 - l**2},
-        parameters={m: 1, g: 9.81, l: 1},
-        initial={y: -1.0},
-        name="rod",
-        **more,
-    )
-
-
 def linear(*energies: Any, at: Any = None, inputs: Any = (), **more: Any) -> Any:
     return lg.System(*energies, **more).linearize(at or {}, inputs=inputs)
 
@@ -186,7 +163,10 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
         (lambda: cart().linearize(WRONG), "at is an int: give a dict from coordinate or velocity to value, such as"),
         (lambda: cart().linearize({z: 0}), "at names 'z', which is not a coordinate, velocity or input; they are x, x"),
         (lambda: cart().linearize({}, inputs=["v"]), "inputs contains 'v', which is not a parameter of this system: c"),
-        (lambda: rod().linearize({y: -l}, inputs=[x]), "inputs contains 'x', which is a coordinate or a velocity"),
+        (
+            lambda: rod_pendulum().linearize({y: -l}, inputs=[x]),
+            "inputs contains 'x', which is a coordinate or a velocity",
+        ),
         (
             lambda: lg.System(m * (x.dot + lg.given("X").dot) ** 2 / 2).linearize(inputs=[lg.given("X").ddot]),
             "the statement contains derivatives of the input X, and in the term B u of linear equations there are none"
@@ -196,7 +176,10 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
         (lambda: linear(T, k * abs(x)), CORNER.format("x") + " so that they are not linear near it."),
         (lambda: linear(T, k * x**2, forces={x: -sign(x.dot)}), CORNER.format("x_dot")),
         (lambda: lg.System(T, k / x, initial={x: 1}, name="hill").modes(), "the forces of hill, or their derivatives"),
-        (lambda: rod().linearize({y: -l, y.dot: 1}), "the velocities are not on the constraint 'rod', which is -2*l t"),
+        (
+            lambda: rod_pendulum().linearize({y: -l, y.dot: 1}),
+            "the velocities are not on the constraint 'rod', which is -2*l t",
+        ),
         (lambda: disc().linearize({x.dot: 1.0, spin.dot: 1.0}), "the velocities are not on the constraint 'along', wh"),
         (lambda: linear(PLANE, **MOVED), "the constraint 'constraint_1' depends on time: no point satisfies it at all"),
         (lambda: linear(PLANE, **STILL), "the constraints allow no motion to linearize: leave one"),
@@ -375,16 +358,6 @@ def test_an_equilibrium_in_decimals_is_not_followed_along_constraints() -> None:
 
 
 a = lg.parameters("a")
-
-
-def pendulum(**more: Any) -> lg.System:
-    return lg.System(
-        m * l**2 * theta.dot**2 / 2,
-        -m * g * l * cos(theta),
-        parameters={m: 2, g: 9.81, l: 0.7},
-        name="pendulum",
-        **more,
-    )
 
 
 def test_the_pendulum_swings_harmonically() -> None:

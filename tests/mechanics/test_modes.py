@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from sympy import I, Rational, acos, asin, cos, pi, sin, sqrt
+from sympy import I, Rational, asin, cos, pi, sin, sqrt
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import modes as modes_module
 from tests.models import shared_scene
+from tests.systems import conical_pendulum
 
 m, g, l, k, c, w, M = lg.parameters("m g l k c w M")
 a = lg.parameters("a", positive=False)
@@ -23,23 +24,6 @@ MANY: Any = lg.coordinates("q1 q2 q3 q4 q5")
 def plane(potential: Any, *, turn: Any = 0, **more: Any) -> lg.System:
     lagrangian = m * (x.dot**2 + y.dot**2) / 2 + turn * (x * y.dot - y * x.dot) - potential
     return lg.System(lagrangian=lagrangian, coordinates=[x, y], **more)
-
-
-@pytest.mark.slow
-def test_numbers_and_symbols_agree_with_the_motion() -> None:
-    """A mode keeps its shape: a run started in it returns after one period."""
-    system = shared_scene("double-pendulum")
-    result = system.modes()
-    values = system.parameters
-    fast = float(result.frequencies[1].subs(values))
-    shape = [1e-7 * float(s) for s in result.shapes[1].subs(values)]
-    q = dict(zip(system.coordinates, shape, strict=True))
-    rest = dict.fromkeys(system.statement.velocities, 0.0)
-    run = system.run(2 * np.pi / fast, {**q, **rest}, rtol=1e-12)
-    # The cubic terms are 1e-14 of the linear ones.
-    np.testing.assert_allclose(run.y[:2, -1], shape, rtol=1e-8)
-    assert result.symbolic and result.stable is True
-    assert sorted(abs(x.imag) for x in result.eigenvalues)[-1] == pytest.approx(fast, rel=1e-12)
 
 
 def test_a_chain_of_five_is_numbers() -> None:
@@ -281,27 +265,18 @@ def test_central_force_by_routh() -> None:
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize(("potential", "ratio"), [(-k / r, 1), (k * r**2 / 2, 4)])
-def test_nearly_circular_orbits_close(potential: Any, ratio: int) -> None:
+@pytest.mark.parametrize(
+    ("potential", "place", "ratio"), [(-k / r, (k / (m * w**2)) ** Rational(1, 3), 1), (m * w**2 * r**2 / 2, R, 4)]
+)
+def test_nearly_circular_orbits_close(potential: Any, place: Any, ratio: int) -> None:
     """Goldstein, section 3.6 (Bertrand): radial and orbital frequencies are as 1 and as 2 in the two closed cases."""
-    system = central(potential)
-    radial = sorted({sympy.simplify(f**2) for f in _circular(system).frequencies}, key=str)
-    assert any(same(f, ratio * w**2) for f in radial), radial
-
-
-def _circular(system: lg.System) -> Any:
-    place = (k / (m * w**2)) ** Rational(1, 3)
-    if system.statement.potential.has(r**2):
-        system = system.substitute({k: m * w**2})
-        place = size
-    return system.modes({r: place, phi.dot: w})
+    modes = central(potential).modes({r: place, phi.dot: w})
+    assert any(same(f**2, ratio * w**2) for f in modes.frequencies), modes.frequencies
 
 
 def test_spherical_pendulum() -> None:
     """Landau, section 14, problem 1: U_eff = M_z^2/(2 m l^2 sin^2) - m g l cos."""
-    system = lg.System(
-        m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2, -m * g * l * cos(theta), coordinates=[theta, phi]
-    )
+    system = conical_pendulum()
     p = sympy.Symbol("p_phi", real=True)
     book = p**2 / (2 * m * l**2 * sin(theta) ** 2) - m * g * l * cos(theta)
     assert same(system.routhian(phi).statement.potential, book)
@@ -317,20 +292,6 @@ def test_charge_in_a_field() -> None:
     assert same(form.expression, (p**2 + (n - q * B * x) ** 2) / (2 * m))
     match(squares(charge), [0, (q * B / m) ** 2])
     assert same(form.poisson(m * x.dot, m * y.dot), q * B)
-
-
-@pytest.mark.slow
-def test_kapitza() -> None:
-    """Landau, section 30, problem 1: a pivot that shakes upright holds the pendulum up if a^2 gamma^2 > 2 g l."""
-    bob = (l * sin(theta), size * cos(gamma * lg.t) - l * cos(theta))
-    shaken = lg.System(lg.kinetic_energy(m, bob), lg.gravity(m, bob, g), coordinates=[theta])
-    force = sympy.expand(m * l**2 * shaken.accelerations()[theta]).coeff(cos(gamma * lg.t))
-    averaged = force**2 / (4 * m * l**2 * gamma**2)  # of f cos(gamma t): f^2/(4 M gamma^2)
-    mean = lg.System(m * l**2 * theta.dot**2 / 2, -m * g * l * cos(theta) + averaged)
-    up = next(item for item in mean.equilibria() if item.coordinates[theta] == pi)
-    assert same(up.criterion[0], m * (size**2 * gamma**2 - 2 * g * l) / 2)
-    tilted = next(item for item in mean.equilibria() if item.coordinates[theta].has(acos))
-    assert same(cos(tilted.coordinates[theta]), -2 * g * l / (size**2 * gamma**2))
 
 
 def test_cycloid() -> None:
@@ -351,18 +312,12 @@ def test_henon_heiles() -> None:
     assert places == {(0, 1), (sqrt(3) / 2, -Rational(1, 2)), (-sqrt(3) / 2, -Rational(1, 2))}
 
 
-def three_bodies() -> lg.System:
-    near, far = sqrt((x + mu) ** 2 + y**2), sqrt((x - 1 + mu) ** 2 + y**2)
-    turning = (x.dot**2 + y.dot**2) / 2 + x * y.dot - y * x.dot + (x**2 + y**2) / 2
-    return lg.System(lagrangian=turning + (1 - mu) / near + mu / far, coordinates=[x, y], initial={x: 0.5, y: 1.0})
-
-
-TRIANGLE = {x: Rational(1, 2) - mu, y: sqrt(3) / 2}
-
-
 def test_triangular_points() -> None:
     """Szebehely, section 5.4: (1/2 - mu, sqrt(3)/2) rests, with l^4 + l^2 + 27 mu (1 - mu)/4 = 0."""
-    lin = three_bodies().linearize(TRIANGLE)
+    near, far = sqrt((x + mu) ** 2 + y**2), sqrt((x - 1 + mu) ** 2 + y**2)
+    turning = (x.dot**2 + y.dot**2) / 2 + x * y.dot - y * x.dot + (x**2 + y**2) / 2
+    bodies = lg.System(lagrangian=turning + (1 - mu) / near + mu / far, initial={x: 0.5, y: 1.0})
+    lin = bodies.linearize({x: Rational(1, 2) - mu, y: sqrt(3) / 2})
     assert lin.equilibrium
     rate = sympy.Symbol("rate")
     book = rate**4 + rate**2 + Rational(27, 4) * mu * (1 - mu)

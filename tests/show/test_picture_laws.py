@@ -23,7 +23,7 @@ from lagrange.show.figures.paths import SPRING_TURNS, common_view, named_points,
 from lagrange.show.figures.run_figure import labels_of
 from lagrange.show.figures.style import DARK, LIGHT, STYLES, line_styles, new_figure
 from lagrange.show.files.picture import MOST_BYTES, bounded_png
-from lagrange.statement.statement import EDGE, corners
+from lagrange.statement.statement import corners
 from lagrange.trajectory.measures.times_and_points import moving_points, points_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
@@ -432,14 +432,6 @@ def test_corners_have_neither_a_mark_nor_a_path() -> None:
 def test_a_picture_of_a_body_alone_has_its_time_as_title() -> None:
     figure = thrown(box=lg.shape("box", R, 1)).run(1.0).plot("path")
     assert figure.axes[0].get_title(loc="left") == "at t = 1"
-
-
-def test_a_page_and_a_scene_have_the_edges(tmp_path: Path) -> None:
-    system = thrown(disc=lg.shape("disc", R, 1, at=(x, y, z)), centre=(x, y, z))
-    system.to_scene(tmp_path / "body.toml")
-    again = lg.System.from_scene(tmp_path / "body.toml").statement
-    assert again.links == system.statement.links and {link.kind for link in again.links} == {EDGE}
-    assert list(again.positions) == list(system.statement.positions)
 
 
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {

@@ -245,6 +245,7 @@ def test_units_and_what_was_kept_are_named() -> None:
     assert figure.get_supxlabel() == f"{np.isnan(runs.t_events[0]).sum()} of 9 members have none."
 
 
+@pytest.mark.slow
 def test_last_states_are_drawn_beside_states_at_output_times() -> None:
     grid = lg.grid({"theta": (0.5, 3.0, 4), "theta_dot": (0.0, 9.0, 3)})
     ends = lg.ensemble(PENDULUM, 3.0, grid)

@@ -200,16 +200,6 @@ def test_multipliers_stand_behind_the_state_in_tables(tmp_path: Path) -> None:
     assert run.to_pandas()["lambda[rod]"].tolist() == run.multipliers["rod"].tolist()
 
 
-def test_npz_needs_no_pickle(tmp_path: Path) -> None:
-    path = HARMONIC.to_npz(tmp_path / "run.npz")
-    with np.load(path, allow_pickle=False) as stored:
-        np.testing.assert_array_equal(stored["t"], HARMONIC.t)
-        np.testing.assert_array_equal(stored["y"], HARMONIC.y)
-        np.testing.assert_array_equal(stored["energy"], HARMONIC.energy)
-        assert stored["names"].tolist() == ["x", "x_dot"]
-        assert json.loads(str(stored["card"])) == HARMONIC.card()
-
-
 def test_pandas_and_xarray() -> None:
     pytest.importorskip("pandas")
     pytest.importorskip("xarray")
@@ -482,19 +472,6 @@ def test_all_files_or_none_of_them(tmp_path: Path) -> None:
     assert paths == [tmp_path / name for name in OLD] and contents(tmp_path) == {**OLD, **MINE}
     paths = write_together(tmp_path, {"a.csv": text("new"), "b.png": None, "c.json": text("new")})
     assert paths == [tmp_path / "a.csv", tmp_path / "c.json"] and contents(tmp_path) == {**NEW, **MINE}
-
-
-@pytest.mark.parametrize("failure", [ValueError("bad"), KeyboardInterrupt(), MemoryError(), RunError("no picture")])
-def test_a_writer_that_fails_leaves_what_was_there(tmp_path: Path, failure: BaseException) -> None:
-    write_together(tmp_path, {name: text("old") for name in OLD})
-
-    def fails(file: BinaryIO) -> None:
-        file.write(b"half")
-        raise failure
-
-    with pytest.raises(type(failure)):
-        write_together(tmp_path, {"a.csv": text("new"), "b.png": fails, "c.json": text("new")})
-    assert contents(tmp_path) == OLD
 
 
 @posix

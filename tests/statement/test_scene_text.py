@@ -540,11 +540,6 @@ def test_a_malformed_name_is_refused_everywhere(name: str, tmp_path: Path) -> No
             state(tmp_path)
 
 
-def test_a_symbol_called_pi_is_probably_the_constant() -> None:
-    with pytest.raises(StatementError, match=r"parameter 'pi' clashes with the constant: use sympy\.pi for the const"):
-        lg.System(kinetic=x_0.dot**2 / 2, potential=sympy.Symbol("pi") * x_0)
-
-
 def test_the_origin_is_no_position_of_ones_own(tmp_path: Path) -> None:
     with pytest.raises(StatementError, match=r"^'origin' is the point at zero already: choose another name\.$"):
         lg.System(kinetic=x_0.dot**2 / 2, potential=0, positions={"origin": (x_0, 1)})
