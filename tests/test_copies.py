@@ -25,7 +25,7 @@ from lagrange.machine.drivers import SeriesDriver
 from lagrange.show.files.loaded_run import arrays_of
 from lagrange.trajectory.methods.registry import find, names
 from tests import systems
-from tests.models import g, theta
+from tests.models import g, shared_scene, theta
 from tests.public import surface
 from tests.public.test_wrong_calls import Caught
 from tests.refusals import refusal
@@ -236,7 +236,7 @@ def without_states_between(path: Path) -> Path:
 @pytest.mark.parametrize("name", ["double-pendulum", "charge-in-field", "two-point-vortices", "cartesian-pendulum"])
 def test_a_run_from_a_file_moves_as_the_run(name: str, tmp_path: Path) -> None:
     """Animations of a loaded run agree to a pixel, a thousandth of the picture; it has four states for each step."""
-    run = lg.scene(name).run()
+    run = shared_scene(name).run()
     result = lg.load(run.to_npz(tmp_path / "run.npz")).animate(tmp_path / "run.html")
     expected = run.animate()
     sizes = np.abs(expected.states).max(axis=1, keepdims=True)
@@ -246,14 +246,14 @@ def test_a_run_from_a_file_moves_as_the_run(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("span", [(0.0, 8.0), (8.0, 0.0)])
 def test_a_run_with_few_outputs_moves_from_its_file_too(span: tuple[float, float], tmp_path: Path) -> None:
-    system = lg.scene("pendulum")
+    system = shared_scene("pendulum")
     run = lg.integrate(system.compile(), span, {"theta": 2.0}, t_eval=np.linspace(*span, 3))
     result, expected = lg.load(run.to_npz(tmp_path / "run.npz")).animate(), run.animate()
     np.testing.assert_allclose(result.states, expected.states, rtol=0, atol=1e-4 * np.abs(expected.states).max())
 
 
 def test_an_older_file_moves_from_its_outputs_unless_they_are_too_far_apart(tmp_path: Path) -> None:
-    run = lg.scene("double-pendulum").run(5.0)
+    run = shared_scene("double-pendulum").run(5.0)
     steps = lg.load(without_states_between(run.to_npz(tmp_path / "steps.npz"))).animate()
     np.testing.assert_allclose(steps.states, run.animate().states, rtol=0, atol=1e-4)
     few = lg.load(without_states_between(run.sampled([0.0, 1.0, 5.0]).to_npz(tmp_path / "few.npz")))
@@ -285,7 +285,7 @@ def _statement_with(path: Path, old: str, new: str) -> Path:
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
-    lg.scene("pendulum").run(0.1).to_npz(path)
+    shared_scene("pendulum").run(0.1).to_npz(path)
     np.save(tmp_path / "one.npy", np.zeros(3))
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "text.npz").write_text("no archive", encoding="utf-8")
@@ -320,7 +320,7 @@ CHANGES: list[tuple[Callable[[Path], Path], str]] = [
 def test_a_card_or_statement_that_was_changed_is_refused_in_a_sentence(
     tmp_path: Path, change: Callable[[Path], Path], message: str
 ) -> None:
-    path = lg.scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
+    path = shared_scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
     assert message in refusal(lg.load, change(path))
 
 
@@ -340,7 +340,7 @@ def _array(shape: Any, kind: str = "<f8", data: bytes = b"") -> bytes:
 
 
 def test_the_size_of_arrays_is_known_before_they_are_made(tmp_path: Path) -> None:
-    path = lg.scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
+    path = shared_scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
     with pytest.raises(lg.StatementError, match=r"bytes together, and a run from a file may have .* of 1e\+03 bytes"):
         arrays_of(path, 1e3)
     claims: list[tuple[Any, ...]] = [((2, 10**12),), ((2, -1),), ((2, 1), "|O"), ((2, 3), "<f8", b"\0" * 47)]
@@ -353,7 +353,7 @@ def test_the_size_of_arrays_is_known_before_they_are_made(tmp_path: Path) -> Non
 
 
 def test_files_with_any_bytes_changed_are_read_or_refused(tmp_path: Path) -> None:
-    path = lg.scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
+    path = shared_scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
     content, chance = path.read_bytes(), random.Random(11)
     for number in range(200):
         changed = bytearray(content)
@@ -367,7 +367,7 @@ def test_files_with_any_bytes_changed_are_read_or_refused(tmp_path: Path) -> Non
 
 
 def test_characters_on_which_a_terminal_acts_are_refused(tmp_path: Path) -> None:
-    path = lg.scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
+    path = shared_scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
     for name in ("message", "method", "form"):
         with pytest.raises(lg.StatementError, match=f"its {name} is .*, which has control characters") as refusal:
             lg.load(_card_with(path, **{name: "\x1b[31mred"}))

@@ -43,6 +43,7 @@ def test_the_separatrix_of_the_pendulum_is_its_closed_form() -> None:
     assert sorted(np.sign(branch.orbit.states[:, 1].mean()) for branch in result.separatrices) == [-1, -1, 1, 1]
 
 
+@pytest.mark.slow
 def test_a_separatrix_that_bends_at_its_saddle_is_on_the_level_of_its_energy() -> None:
     """In x^2/2 - x^3/3 the manifolds leave the eigenvectors in the second order: 1/3 = v^2 + x^2 - 2 x^3/3."""
     result = lg.phase_portrait(escape(), {x: (-0.8, 1.5), x.dot: (-1, 1)})
@@ -144,6 +145,7 @@ def test_a_driven_system_is_shown_at_a_time_and_says_so() -> None:
     assert result.orbits[0].t[0] == 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_forces_whose_products_are_beyond_all_doubles_have_their_equilibria() -> None:
     x, k = lg.coordinate("x"), lg.parameters("k")

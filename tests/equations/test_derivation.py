@@ -118,6 +118,7 @@ def test_a_pivot_that_vanishes_does_no_harm() -> None:
 # --- refusals ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_long_formulas_are_refused_and_point_elsewhere() -> None:
     derivation = derive(chain(9))
     assert len(derivation.equations) == 9

@@ -219,6 +219,7 @@ def chain_matrix(n: int) -> list[list[sp.Expr]]:
     return [[(n - max(i, j)) * cos(a[i] - a[j]) for j in range(n)] for i in range(n)]
 
 
+@pytest.mark.slow
 def test_a_small_determinant_of_many_links_is_not_zero() -> None:
     matrix = chain_matrix(24)
     assert not vanishes(matrix)

@@ -107,7 +107,7 @@ class Wrong(Model):
         return super().accelerations(q, v, *where, **more) + self.errors.get("accelerations", lambda q: 0.0)(q)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("quantity", CONSTRAINT_QUANTITIES)
 def test_a_wrong_quantity_of_the_constraints_is_found(quantity: str) -> None:
     report = check(Wrong(compiled_rod(), {quantity: 1e-9}), points=1)

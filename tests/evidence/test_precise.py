@@ -239,7 +239,7 @@ def driven(time: float) -> list[Any]:
     return [(2 * NUMBER.cos(2 * time) + NUMBER.cos(time)) / 3, -(4 * NUMBER.sin(2 * time) + NUMBER.sin(time)) / 3]
 
 
-@pytest.mark.parametrize("digits", [18, 25, 40])
+@pytest.mark.parametrize("digits", [18, 25, pytest.param(40, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("statement", "exact"),
     [

@@ -21,6 +21,7 @@ from lagrange.statement.random_states import SAMPLE_KINDS, SampleKind, SamplePoi
 from tests.evidence import statements
 from tests.evidence.statements import StandIn
 from tests.evidence.test_check import FAULTS
+from tests.models import shared_scene
 
 x, y, z = (coordinate(name) for name in "xyz")
 mass, charge, drag, free = parameters("mass charge drag free", positive=False)
@@ -111,7 +112,7 @@ def test_the_first_false_decides_and_too_few_values_decide_nothing() -> None:
 
 
 def test_a_wrong_formula_is_refused_and_one_without_values_is_not() -> None:
-    statement = lg.scene("pendulum").statement
+    statement = shared_scene("pendulum").statement
 
     def values(share: float, point: SamplePoint) -> tuple[list[float], list[complex]]:
         return [1.0, point.q[0]], [1.0, point.q[0] * share]

@@ -78,7 +78,7 @@ def test_given_functions_stand_by_their_names_in_the_comment(tmp_path: Path) -> 
 
 
 def test_arrays_that_are_too_short_are_told_by_name(tmp_path: Path) -> None:
-    system = lg.scene("double-pendulum")
+    system = shared_scene("double-pendulum")
     system.export("python", tmp_path, ["rhs", "dop853"])
     made = load(tmp_path / "double_pendulum.py")
     p, t, four, three = np.zeros(made.PREPARED), np.zeros(1), np.zeros(4), np.zeros(3)
@@ -95,7 +95,7 @@ def test_arrays_that_are_too_short_are_told_by_name(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 def test_arrays_that_are_too_short_are_told_by_name_in_javascript(tmp_path: Path) -> None:
-    lg.scene("double-pendulum").export("javascript", tmp_path, ["rhs", "dop853"])
+    shared_scene("double-pendulum").export("javascript", tmp_path, ["rhs", "dop853"])
     script = (
         'import * as made from "./double_pendulum.mjs"; const given = (n) => new Float64Array(n);'
         "for (const call of [() => made.prepare(given(2), given(99)), "
@@ -113,7 +113,7 @@ def test_arrays_that_are_too_short_are_told_by_name_in_javascript(tmp_path: Path
 def test_lines_are_short_and_ascii(target: str, tmp_path: Path) -> None:
     steps = ["dop853", "main"] if target in ("c", "javascript") else []
     contents = ["rhs", "jacobian", *steps, *(["taylor"] if target == "c" else [])]
-    made = lg.scene("four-bar").export(target, tmp_path, contents)
+    made = shared_scene("four-bar").export(target, tmp_path, contents)
     for text in (file.read_text() for file in made.files):
         assert text.isascii() and text.endswith("\n") and not text.endswith("\n\n")
         assert max(map(len, text.splitlines())) <= (132 if target in ("fortran", "julia", "modelica") else 120)
@@ -166,7 +166,7 @@ ENTRIES = {
 @pytest.mark.parametrize("target", [name for name in target_names() if name not in ("fmu", "octave")])
 @pytest.mark.parametrize("scene", ENTRIES)
 def test_entries_of_the_matrix_are_named(scene: str, target: str, tmp_path: Path) -> None:
-    files = lg.scene(scene).export(target, tmp_path, None if find(target).always else ["rhs"]).files
+    files = shared_scene(scene).export(target, tmp_path, None if find(target).always else ["rhs"]).files
     text = files[1 if target == "c" else 0].read_text()
     assert set(re.findall(r"\b((?:mass|gradient)_\w+)(?:: f64)? :?= ", text)) == ENTRIES[scene]
 
@@ -174,7 +174,7 @@ def test_entries_of_the_matrix_are_named(scene: str, target: str, tmp_path: Path
 @pytest.mark.parametrize("scene", ENTRIES)
 def test_named_entries_are_those_of_the_equations(scene: str) -> None:
     """The named entries are compared with SymPy: second derivatives of T, and gradients of constraints."""
-    system = lg.scene(scene)
+    system = shared_scene(scene)
     statement, model = system.statement, system.compile("numpy")
     program = model.law("rhs").program
     named = {ref: name for ref, name in names_of(model).of(program).items() if name in ENTRIES[scene]}
@@ -485,6 +485,7 @@ def test_casadi_and_jax_take_inputs_in_the_parameters(expected: list[float]) -> 
     np.testing.assert_allclose(model.as_jax("rhs")(TIME, STATE, p), expected, rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_a_run_without_values_of_inputs_is_refused(tmp_path: Path) -> None:
     with pytest.raises(lg.StatementError, match=r"its inputs X and u have no value: give a constant value") as refusal:
         driven().export("c", tmp_path, ["main"])

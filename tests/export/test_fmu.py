@@ -17,7 +17,7 @@ import lagrange as lg
 from lagrange.errors import LagrangeError
 from lagrange.export.languages import fmu as target
 from tests.export.callers import held, run
-from tests.models import SCENE_NAMES
+from tests.models import SCENE_NAMES, shared_scene
 from tests.statement.examples import VALUES, at, driven
 
 fmpy: Any = pytest.importorskip("fmpy", reason="FMPy is not installed")
@@ -80,7 +80,7 @@ def instance(path: Path, kind: str, folder: Path, messages: list[str] | None = N
 
 def conforms(scene: str, folder: Path) -> None:
     """Run both versions of an FMU as model exchange and co-simulation, and compare them with our run."""
-    system = lg.scene(scene)
+    system = shared_scene(scene)
     end = min(1.0, system.statement.run.t_end)
     ours = system.run(end, method="dop853", rtol=1e-13, atol=1e-13)
     for path in written(system, folder, *CONTENTS, *held(system)).values():
@@ -103,7 +103,7 @@ def test_a_simulation_equals_ours(scene: str, tmp_path: Path) -> None:
 @pytest.mark.conformance
 @pytest.mark.parametrize("scene", SCENE_NAMES)
 def test_every_scene_is_valid_and_its_sources_are_right(scene: str, tmp_path: Path) -> None:
-    system = lg.scene(scene)
+    system = shared_scene(scene)
     written(system, tmp_path, *CONTENTS, *held(system))
     for command in system.export("fmu", tmp_path, [*CONTENTS, *held(system)]).commands:
         said = run(command, tmp_path)
@@ -114,7 +114,7 @@ def test_every_scene_is_valid_and_its_sources_are_right(scene: str, tmp_path: Pa
 def test_the_sources_compile_without_a_warning_by_the_headers_of_the_standard(tmp_path: Path) -> None:
     x = lg.coordinate("x")
     bare = lg.System(kinetic=x.dot**2 / 2, potential=cos(x), initial={x: 0.5}, name="pendulum")  # without parameters
-    for system, contents in ((bare, []), (lg.scene("pendulum"), ["jacobian"])):
+    for system, contents in ((bare, []), (shared_scene("pendulum"), ["jacobian"])):
         for major, path in written(system, tmp_path, *contents).items():
             sources = tmp_path / f"{major}{len(contents)}" / "sources"
             with zipfile.ZipFile(path) as packed:
@@ -124,7 +124,7 @@ def test_the_sources_compile_without_a_warning_by_the_headers_of_the_standard(tm
 
 
 def test_parameters_and_states_are_set_and_results_are_read(tmp_path: Path) -> None:
-    system = lg.scene("double-pendulum")
+    system = shared_scene("double-pendulum")
     model = system.compile()
     y = np.array([0.4, -0.7, 1.1, 0.2])
     for path in written(system, tmp_path, "energy", "jacobian").values():
@@ -151,7 +151,7 @@ def test_parameters_and_states_are_set_and_results_are_read(tmp_path: Path) -> N
 
 
 def test_a_saved_state_is_restored(tmp_path: Path) -> None:
-    for path in written(lg.scene("pendulum"), tmp_path).values():
+    for path in written(shared_scene("pendulum"), tmp_path).values():
         with instance(path, "CoSimulation", tmp_path) as made:
             at = [made.references[name] for name in ("theta", "theta_dot")]
             made.doStep(0.0, 0.25)
@@ -169,6 +169,7 @@ def test_a_saved_state_is_restored(tmp_path: Path) -> None:
             (made.freeFMUstate if two else made.freeFMUState)(saved)
 
 
+@pytest.mark.slow
 def test_events_are_indicators_and_names_stay_different(tmp_path: Path) -> None:
     time, energy = lg.coordinates("time energy")
     g = lg.parameters("g")
@@ -253,7 +254,7 @@ def test_an_fmu_is_driven_through_its_inputs(tmp_path: Path) -> None:
 
 def test_without_a_compiler_there_is_no_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    for path in lg.scene("pendulum").export("fmu", tmp_path).files:
+    for path in shared_scene("pendulum").export("fmu", tmp_path).files:
         with zipfile.ZipFile(path) as packed:
             assert not any(name.startswith("binaries") for name in packed.namelist())
             assert "sources/pendulum.c" in packed.namelist()
@@ -264,5 +265,5 @@ def test_a_compiler_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(
         LagrangeError, match=r"cc --no-such-option -o library fmi-functions\.c pendulum\.c -lm failed: .*no-such"
     ):
-        lg.scene("pendulum").export("fmu", tmp_path)
+        shared_scene("pendulum").export("fmu", tmp_path)
     assert subprocess.run(["ls", str(tmp_path)], capture_output=True, text=True, check=True).stdout == ""

@@ -20,6 +20,7 @@ from tests.covering import Share
 from tests.export.callers import as_module, every_scene, graph, held, named, points, wrong
 from tests.export.test_contents import accepted, awkward
 from tests.export.test_modules import coupled, on_a_sphere
+from tests.models import shared_scene
 
 ROOTS = ("sqrt", "sin", "cos", "tan", "exp", "log", "sinh", "cosh", "tanh")
 ARCS = ("asin", "acos", "atan", "asinh", "acosh", "atanh")
@@ -302,7 +303,7 @@ def right(target: str, made: SourceModule) -> Read:
 @both
 @pytest.mark.parametrize("scene", every_scene("double-pendulum", "cartesian-double-pendulum"))
 def test_a_scene_conforms(target: str, scene: str) -> None:
-    system = lg.scene(scene)
+    system = shared_scene(scene)
     right(target, module(target, system, [*QUANTITIES, *held(system)]))
 
 

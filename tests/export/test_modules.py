@@ -41,6 +41,7 @@ from tests.export.callers import (
     write,
     wrong,
 )
+from tests.models import shared_scene
 
 TARGETS = [
     pytest.param(name, marks=pytest.mark.skipif(bool(missing(name)), reason=missing(name) or "it is there"))
@@ -70,7 +71,7 @@ def every_second(first: int) -> pytest.MarkDecorator:
 @pytest.mark.parametrize("scene", every_scene("double-pendulum", "cartesian-double-pendulum"))
 def test_a_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
     """Compile all contents of a scene, run the self-test, and compare the table of main with our trajectory."""
-    system = lg.scene(scene)
+    system = shared_scene(scene)
     contents = [item for item in CONTENTS if item in QUANTITIES or stepping(target)]
     made = system.export(target, tmp_path, [*contents, *held(system)])
     for text in (file.read_text() for file in made.files):
@@ -109,10 +110,10 @@ WRONG: dict[str, tuple[str, str]] = {
 }
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @every_target
 def test_a_wrong_number_fails_the_self_test(target: str, tmp_path: Path) -> None:
-    made = lg.scene("pendulum").export(target, tmp_path)
+    made = shared_scene("pendulum").export(target, tmp_path)
     file = next(item for item in made.files if WRONG[target][0] in item.read_text())
     assert WRONG[target][0] in file.read_text()
     file.write_text(file.read_text().replace(*WRONG[target], 1))
@@ -125,7 +126,7 @@ def test_a_wrong_number_fails_the_self_test(target: str, tmp_path: Path) -> None
         run(start, tmp_path)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @every_second(0)
 def test_random_graphs(target: str, tmp_path: Path, share: Share) -> None:
     without = sorted(find(target).inexpressible)
@@ -224,7 +225,7 @@ FENCES = {"javascript": "js", "python": "py"}
 """Words for a language at its blocks of code, where they are not its name."""
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @every_target
 def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     """It prints the end of a run and its energy, or rates and energy at the start, which may be followed by the end."""
@@ -233,7 +234,7 @@ def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     lines = [line for kind, body in blocks if kind == "sh" for line in body.splitlines()]
     file = f"program.{LANGUAGES[target].suffix}"
     (tmp_path / file).write_text(program)
-    system = lg.scene("double-pendulum")
+    system = shared_scene("double-pendulum")
     made = system.export(target, tmp_path, ["rhs", "energy", *(["dop853", "main"] if stepping(target) else [])])
     assert " && ".join(made.commands) in lines  # how the self-test is run
     printed = run(next((line for line in lines if file in line), f"python {file}"), tmp_path)
@@ -305,7 +306,7 @@ needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not inst
 def test_the_taylor_integrator_passes_its_test(scene: str, tmp_path: Path) -> None:
     """The exported integrator passes its test: unrolled, in a loop over orders, and with projection."""
     name = scene.replace("-", "_")
-    made = lg.scene(scene).export("c", tmp_path, ["taylor", "main"])
+    made = shared_scene(scene).export("c", tmp_path, ["taylor", "main"])
     assert [path.name for path in made.files] == [f"{name}{end}" for end in (".h", ".c", "_test.c", "_main.c")]
     for program in ("test", "main"):
         run(f"{WARNINGS} -o warned {name}.c {name}_{program}.c -lm", tmp_path)
@@ -317,7 +318,7 @@ def test_the_taylor_integrator_passes_its_test(scene: str, tmp_path: Path) -> No
 @pytest.mark.slow
 @needs_cc
 def test_main_runs_by_taylor_series(tmp_path: Path) -> None:
-    system = lg.scene("kepler")
+    system = shared_scene("kepler")
     system.export("c", tmp_path, ["main", "taylor"])
     run("cc -O2 -o main kepler.c kepler_main.c -lm", tmp_path)
     _, *rows = run("./main 20 2", tmp_path).splitlines()
@@ -328,13 +329,13 @@ def test_main_runs_by_taylor_series(tmp_path: Path) -> None:
 
 def test_switching_surfaces_are_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(StatementError, match=r"crosses no switching surfaces .*leave 'taylor' out of contents"):
-        lg.scene("falling-ball").export("c", tmp_path / "made", ["taylor"])
+        shared_scene("falling-ball").export("c", tmp_path / "made", ["taylor"])
     assert not (tmp_path / "made").exists()
 
 
 @needs_cc
 def test_events_are_functions(tmp_path: Path) -> None:
-    system = lg.scene("pendulum")
+    system = shared_scene("pendulum")
     (theta,) = system.coordinates
     made = system.export("c", tmp_path, events=[theta.dot, lg.event(theta - 1, direction=1)])
     header = (tmp_path / "pendulum.h").read_text()
@@ -347,7 +348,7 @@ def test_events_are_functions(tmp_path: Path) -> None:
 
 @needs_cc
 def test_main_refuses_what_is_no_number(tmp_path: Path) -> None:
-    lg.scene("pendulum").export("c", tmp_path, ["main"])
+    shared_scene("pendulum").export("c", tmp_path, ["main"])
     run("cc -O0 -o main pendulum.c pendulum_main.c -lm", tmp_path)
     for words in ("abc", "2 2.7", "nan", "2 0", "1 2 3"):
         done = subprocess.run(["./main", *words.split()], cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -359,7 +360,7 @@ def test_main_refuses_what_is_no_number(tmp_path: Path) -> None:
     "method", ["rk4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("taylor", "dop853"))]
 )
 def test_a_start_off_the_constraints_is_refused(method: str, tmp_path: Path) -> None:
-    lg.scene("cartesian-pendulum").export("c", tmp_path, [method])
+    shared_scene("cartesian-pendulum").export("c", tmp_path, [method])
     call = "0.0, 0.01, y, p" if method == "rk4" else "t, 1.0, y, p, 1e-9, 1e-9, 100000"
     (tmp_path / "start.c").write_text(f"""\
 #include <stdio.h>
@@ -380,7 +381,7 @@ int main(int count, char **words) {{
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
 def test_a_program_of_cpp_includes_the_header(tmp_path: Path) -> None:
-    lg.scene("pendulum").export("c++", tmp_path, ["rhs"])
+    shared_scene("pendulum").export("c++", tmp_path, ["rhs"])
     program = '#include "pendulum.h"\nint main() { double p[PENDULUM_PREPARED]; return pendulum_prepare('
     (tmp_path / "program.cpp").write_text(f"{program}pendulum_default_parameters, p); }}\n")
     run("cc -std=c99 -c pendulum.c", tmp_path)
@@ -414,7 +415,7 @@ TEXTS = {
 
 @pytest.mark.parametrize("target", TEXTS)
 def test_text_that_no_result_shows(target: str, tmp_path: Path) -> None:
-    text = lg.scene("pendulum").export(target, tmp_path, ["energy"]).files[0].read_text()
+    text = shared_scene("pendulum").export(target, tmp_path, ["energy"]).files[0].read_text()
     assert [part for part in TEXTS[target] if f"\n{part}" not in text] == []
 
 
@@ -453,7 +454,7 @@ def test_large_local_arrays_of_fortran_are_no_static_ones(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(("target", "text"), [("rust", "let _ = p;"), ("fortran", "unused1 => p(1)")])
 def test_without_parameters_compilers_do_not_warn(target: str, text: str, tmp_path: Path) -> None:
-    file, *_ = lg.scene("henon-heiles").export(target, tmp_path, ["rhs"]).files
+    file, *_ = shared_scene("henon-heiles").export(target, tmp_path, ["rhs"]).files
     assert text in file.read_text().partition("prepare(parameters")[2].partition("rhs(")[0]
     for command in LANGUAGES[target].strict if not missing(target) else ():
         run(command.format(module=file.stem), tmp_path)
@@ -492,5 +493,5 @@ def test_a_singular_matrix_is_recognized(entries: list[float]) -> None:
 
 
 def test_the_commands_on_the_page_of_julia_are_those_of_the_target(tmp_path: Path) -> None:
-    made = lg.scene("double-pendulum").export("julia", tmp_path, ["rhs"])
+    made = shared_scene("double-pendulum").export("julia", tmp_path, ["rhs"])
     assert " && ".join(made.commands) in section("Julia")

@@ -24,6 +24,7 @@ from lagrange.recipes import sympy as sympy_recipe
 from lagrange.statement.vocabulary.functions import CONDITIONS
 from tests.export.callers import every_scene, held, run, section
 from tests.export.test_modules import coupled
+from tests.models import shared_scene
 
 SOURCES: dict[str, Callable[..., str]] = {"jax": jax.LIBRARY.source, "casadi": casadi.LIBRARY.source}
 every_package = pytest.mark.parametrize("package", ["casadi", pytest.param("jax", marks=pytest.mark.slow)])
@@ -186,7 +187,7 @@ def printed(system: lg.System, target: str, contents: list[str], folder: Path) -
 @every_target
 @pytest.mark.parametrize("scene", every_scene("double-pendulum", "cartesian-double-pendulum"))
 def test_a_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
-    system = lg.scene(scene)
+    system = shared_scene(scene)
     assert printed(system, target, [*QUANTITIES, *held(system)], tmp_path).endswith("results are right\n")
 
 
@@ -206,7 +207,7 @@ def test_wrong_numbers_and_singular_matrices_fail_the_self_test(target: str, tmp
 
 @every_target
 def test_events_are_exported_and_steps_are_refused(target: str, tmp_path: Path) -> None:
-    system = lg.scene("pendulum")
+    system = shared_scene("pendulum")
     theta = system.statement.coordinates[0]
     with pytest.raises(lg.StatementError, match=f"target '{target}' has no rk4: leave it out of contents"):
         system.export(target, tmp_path, ["rk4"])
@@ -219,7 +220,7 @@ def test_events_are_exported_and_steps_are_refused(target: str, tmp_path: Path) 
 def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     program = section({"jax": "JAX", "casadi": "CasADi"}[target]).split("```python\n")[2].partition("```")[0]
     (tmp_path / "program.py").write_text(program)
-    system = lg.scene("double-pendulum")
+    system = shared_scene("double-pendulum")
     system.export(target, tmp_path, ["rhs", "energy"])
     rows = [line.split() for line in run(f"{STRICT} program.py", tmp_path).splitlines()]
     model, y, given = system.compile(), np.array([1.0, 0.5, 0.0, 0.0]), {"l2": 0.5}

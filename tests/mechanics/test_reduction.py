@@ -375,6 +375,7 @@ def test_constraints_come_along_and_time_stands_in_the_velocities() -> None:
     assert start == pytest.approx({r: 1.0, phi: 0.0, r.dot: 0.0, phi.dot: 0.5 - 2.0}, abs=1e-14)
 
 
+@pytest.mark.slow
 def test_dimensions_that_were_stated_are_kept_where_they_hold() -> None:
     sized = lg.System(
         m * (x.dot**2 + y.dot**2) / 2, g * m * y, coordinates=[x, y], dimensions={m: "kg", x: "m", y: "m"}

@@ -109,7 +109,7 @@ def test_what_a_turning_frame_conserves_is_the_jacobi_integral() -> None:
     assert "\nJacobi integral\n    J = m*R**2*theta_dot**2/2 - m*R**2*w**2*sin(theta)**2/2 - m*g*R*cos(theta)\n" in text
     assert "\nEnergy\n" not in text
     assert r"the Jacobi integral $\sum_i \dot q_i p_i - L$ is conserved" in paper
-    assert "Jacobi" not in lg.scene("charge-in-field").derivation().text()
+    assert "Jacobi" not in shared_scene("charge-in-field").derivation().text()
     y = lg.coordinate("y")
     free = lg.System(m * ((x.dot - w * y) ** 2 + (y.dot + w * x) ** 2) / 2, 0).derivation().text()
     assert "\nJacobi integral\n    J = " in free and "\nEnergy\n" not in free

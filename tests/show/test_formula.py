@@ -240,6 +240,7 @@ def test_accelerations_that_nobody_reads_are_a_sentence() -> None:
     assert "q0_ddot = " not in page
 
 
+@pytest.mark.slow
 def test_a_part_of_the_accelerations_is_shown() -> None:
     page = shared_scene("cartesian-double-pendulum").derivation().text()
     assert "    The formulas are too long" in page or "    The other formulas are too long" in page

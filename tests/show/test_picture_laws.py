@@ -27,7 +27,7 @@ from lagrange.statement.statement import corners
 from lagrange.trajectory.measures.times_and_points import moving_points, points_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
-from tests.models import SCENE_NAMES
+from tests.models import SCENE_NAMES, shared_scene
 from tests.show.examples import farthest, moving, oscillator, x
 
 DPI = 150
@@ -81,19 +81,19 @@ def curves_are_exact(run: Solution) -> None:
 @pytest.mark.parametrize("end", [None, 100.0])
 @pytest.mark.parametrize("name", SCENES)
 def test_curves_are_within_a_pixel_of_the_exact_ones(name: str, end: float | None) -> None:
-    scene = lg.scene(name)
+    scene = shared_scene(name)
     curves_are_exact(scene.run() if end is None else scene.run(end))
 
 
 def test_a_drift_of_the_dense_output_is_told_apart_from_the_steps() -> None:
-    run = lg.scene("pendulum").run(10.0, method=lg.methods.Gauss3(step=0.2))
+    run = shared_scene("pendulum").run(10.0, method=lg.methods.Gauss3(step=0.2))
     axis = run.plot().axes[1]
     assert "at the steps (the dense output between them: up to" in axis.get_title("left")
     (line,) = axis.lines
     assert (
         line.get_linestyle() == "None" and line.get_marker() == "o" and np.shape(line.get_xydata()) == (len(run.t), 2)
     )
-    smooth = lg.scene("pendulum").run(10.0, rtol=1e-6).plot().axes[1]
+    smooth = shared_scene("pendulum").run(10.0, rtol=1e-6).plot().axes[1]
     assert "at the steps" not in smooth.get_title("left") and smooth.lines[0].get_linestyle() == "-"
 
 
@@ -133,7 +133,7 @@ CROWDED = ("pleiades", "sun-earth-moon")
 @pytest.mark.few(1)
 @pytest.mark.parametrize("name", [*CROWDED, *[name for name in SCENE_NAMES if name not in CROWDED]])
 def test_no_text_overlaps_another_or_is_cut(name: str) -> None:
-    nothing_overlaps(lg.scene(name).run(max_steps=2000).plot())
+    nothing_overlaps(shared_scene(name).run(max_steps=2000).plot())
 
 
 def test_texts_of_unusual_numbers_do_not_overlap_and_have_no_offset() -> None:
@@ -332,7 +332,7 @@ def png_of(figure: Any) -> tuple[bytes, dict[str, int]]:
     [
         lambda: oscillator().plot(),
         lambda: lg.methods.plot_stability("rk4"),
-        lambda: lg.scene("pendulum").plot_eigenvalues("l", np.linspace(0.5, 2.0, 5), {"theta": 0}),
+        lambda: shared_scene("pendulum").plot_eigenvalues("l", np.linspace(0.5, 2.0, 5), {"theta": 0}),
     ],
     ids=["run", "stability", "eigenvalues"],
 )

@@ -242,7 +242,7 @@ def test_phase_planes_paths_and_several_panels() -> None:
 
 
 def test_multipliers_and_violations_of_constraints() -> None:
-    run = lg.scene("cartesian-double-pendulum").run(1.0)
+    run = shared_scene("cartesian-double-pendulum").run(1.0)
     figure = run.plot(["multipliers", "violation"])
     assert len(figure.axes) == 3 and [axis.get_ylabel() for axis in figure.axes[:2]] == [
         "$\\lambda_{\\mathrm{upper}}$",
@@ -289,7 +289,7 @@ def test_units_that_follow_from_others_stand_on_the_axes() -> None:
 
 
 def test_a_jacobi_integral_has_its_own_letter() -> None:
-    figure = drawn(lg.scene("bead-on-hoop").run(1.0), what="energies")
+    figure = drawn(shared_scene("bead-on-hoop").run(1.0), what="energies")
     assert [line.get_label() for line in figure.axes[0].get_lines()] == ["$T$", "$V$", "$J$"]
 
 

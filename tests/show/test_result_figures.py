@@ -28,6 +28,7 @@ from lagrange.show.figures.dynamics_figures import MOST_MODES, PANEL_HEIGHT, PAN
 from lagrange.show.figures.style import DARK
 from lagrange.show.race import COLUMNS, Race
 from tests.dynamics.planar import damped_pendulum, duffing, hoop, pendulum, star, theta, x, y
+from tests.models import shared_scene
 from tests.refusals import refusal
 
 RECORDS: dict[str, Callable[[], Any]] = {
@@ -181,7 +182,7 @@ def test_titles_of_modes_say_how_they_move_and_many_modes_are_left_out() -> None
 # --- pictures of ensembles show the results of the runs --------------------------------------------------------
 
 
-PENDULUM, STAR = lg.scene("pendulum"), lg.scene("henon-heiles")
+PENDULUM, STAR = shared_scene("pendulum"), shared_scene("henon-heiles")
 
 
 def test_a_map_has_a_colour_for_every_run() -> None:

@@ -79,6 +79,7 @@ def test_a_function_of_coordinates_stays_open_in_a_derivation() -> None:
     assert "depends on time" in " ".join(wire.structure)
 
 
+@pytest.mark.slow
 def test_an_expression_is_put_in_for_a_run() -> None:
     X, pivot = lg.given("X", a * sin(w * t)), a * sin(w * t)
     values = {a: 0.1, w: 2.0}

@@ -275,7 +275,7 @@ def test_an_inertia_that_is_constant_in_space_is_remarked() -> None:
     tensor = diag(1, 2, 2)
     (said,) = lg.System(R.space.dot(tensor * R.space) / 2).statement.remarks()
     assert "The inertia of R is constant about the axes of space" in said and "about its own axes, R.body." in said
-    for energy in (R.body.dot(tensor * R.body), 2 * R.space.dot(R.space), R.space.dot(R * (tensor * (R.T * R.space)))):
+    for energy in (2 * R.space.dot(R.space), R.space.dot(R * (tensor * (R.T * R.space)))):
         assert not lg.System(energy / 2).statement.remarks()
 
 
@@ -290,8 +290,7 @@ def test_a_rotation_is_held_with_its_rates() -> None:
 
 def test_messages_on_events_name_entries_and_rates() -> None:
     event = lg.event(R[2, 2] + R.body[0] - sympy.log(R[0, 2] - 3))
-    for method in ("taylor", "dop853"):
-        assert "R_body_x + R_zz - log(R_xz - 3) is nan" in TOP.run(1.0, events=event, method=method).message
+    assert "R_body_x + R_zz - log(R_xz - 3) is nan" in TOP.run(1.0, events=event).message
     with pytest.raises(lg.StatementError, match="it may contain its coordinates, their velocities and t"):
         lg.System(R.body.dot(R.body)).run(1.0, events=x)
 
@@ -315,7 +314,7 @@ def test_a_root_of_the_rates_that_is_singular_at_rest_is_refused(stated: dict[st
 
 
 def test_roots_of_the_rates_that_are_smooth_at_rest_are_not_refused() -> None:
-    for drag in (SPEED**3, sympy.sqrt(R.body.dot(R.body) + 0.01), abs(R.body[2]), abs(R.space[2]) ** 1.5):
+    for drag in (SPEED**3 + abs(R.body[2]), sympy.sqrt(R.body.dot(R.body) + 0.01) + abs(R.space[2]) ** 1.5):
         lg.System(KINETIC, dissipation=drag, forces={R.body: tuple(-rate * SPEED for rate in R.body)})
 
 
