@@ -305,16 +305,11 @@ def test_the_sine_of_a_large_multiple_and_a_high_power_are_one_term() -> None:
 # --- answers as people type them: printed equations read back, ambiguous texts, common slips, short verdicts ---
 
 
-HELD = [name for name in SCENE_NAMES if stated_in(name) >= {"rotations", "constraints"}]
-TURNING = [
-    pytest.param(name, marks=[pytest.mark.slow] * (name in HELD))
-    for name in SCENE_NAMES
-    if "rotations" in stated_in(name)
-]
+TURNING = [name for name in SCENE_NAMES if "rotations" in stated_in(name)]
 """Scenes whose equations are printed in rates; `tests/show/test_formula.py` reads back those of the others."""
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("style", ["text", "unicode", "latex"])
 @pytest.mark.parametrize("name", TURNING)
 def test_equations_printed_in_rates_are_an_answer(name: str, style: str) -> None:
