@@ -106,7 +106,7 @@ MADE = re.compile(r"\bissue #?\d|\bthis session\b|\.\./shared|/(work|root)/\w|/t
 
 
 def speaks_of_its_making(file: str, source: str) -> Iterator[str]:
-    for number, line in enumerate(source.splitlines(), 1):
+    for number, line in enumerate(source.splitlines() if MADE.search(source) else (), 1):
         if MADE.search(line):
             yield f"{file}:{number} {line.strip()[:70]}"
 

@@ -15,23 +15,8 @@ from tests.test_house import parsed as tree_of
 
 ROOT = Path(__file__).resolve().parent.parent
 STAGES = (
-    "errors",
-    "statement",
-    "graph",
-    "equations",
-    "program",
-    "procedure",
-    "algorithm",
-    "machine",
-    "trajectory",
-    "evidence",
-    "mechanics",
-    "members",
-    "dynamics",
-    "show",
-    "export",
-    "page",
-    "recipes",
+    *("errors", "statement", "graph", "equations", "program", "procedure", "algorithm", "machine", "trajectory"),
+    *("evidence", "mechanics", "members", "dynamics", "show", "export", "page", "recipes"),
 )
 TOP = len(STAGES)
 """Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""

@@ -37,12 +37,9 @@ def _without_optimization(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def written(system: lg.System, folder: Path, *contents: str, **options: Any) -> dict[int, Path]:
-    """Write both FMUs, check them, and return their paths by version."""
+    """Write both FMUs, and return their paths by version."""
     made = system.export("fmu", folder, contents or None, **options)
-    result = dict(zip((2, 3), made.files, strict=True))
-    for path in result.values():
-        assert validation.validate_fmu(str(path)) == []
-    return result
+    return dict(zip((2, 3), made.files, strict=True))
 
 
 def simulated(path: Path, kind: str, end: float) -> Any:
@@ -84,6 +81,7 @@ def conforms(scene: str, folder: Path) -> None:
     end = min(1.0, system.statement.run.t_end)
     ours = system.run(end, method="dop853", rtol=1e-13, atol=1e-13)
     for path in written(system, folder, *CONTENTS, *held(system)).values():
+        assert validation.validate_fmu(str(path)) == []
         for kind, allowed in (
             ("CoSimulation", 1e-9),
             ("ModelExchange", 1e-8 if system.statement.constraints else 1e-9),
@@ -104,7 +102,8 @@ def test_a_simulation_equals_ours(scene: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("scene", SCENE_NAMES)
 def test_every_scene_is_valid_and_its_sources_are_right(scene: str, tmp_path: Path) -> None:
     system = shared_scene(scene)
-    written(system, tmp_path, *CONTENTS, *held(system))
+    for path in written(system, tmp_path, *CONTENTS, *held(system)).values():
+        assert validation.validate_fmu(str(path)) == []
     for command in system.export("fmu", tmp_path, [*CONTENTS, *held(system)]).commands:
         said = run(command, tmp_path)
     assert said.endswith("results are right\n")
@@ -181,6 +180,7 @@ def test_events_are_indicators_and_names_stay_different(tmp_path: Path) -> None:
         name="fmi",
     )
     for path in written(system, tmp_path, "energy", "events", events=[time - 0.125, energy.dot]).values():
+        assert validation.validate_fmu(str(path)) == []
         with instance(path, "ModelExchange", tmp_path) as made:
             assert {"time_2", "energy", "energy_2", "event0", "event1"} <= set(made.references)
             values = (np.ctypeslib.as_ctypes(np.zeros(2)), 2)
@@ -225,6 +225,7 @@ def test_units_are_defined_and_given(tmp_path: Path, monkeypatch: pytest.MonkeyP
     )
     described_system = lg.System.from_statement(replace(system.statement, about="A mass on a spring."))
     for path in written(described_system, tmp_path, "energy").values():
+        assert validation.validate_fmu(str(path)) == []
         described = fmpy.read_model_description(str(path))
         assert described.description == "A mass on a spring."
         about = {item.name: item.description for item in described.modelVariables}
