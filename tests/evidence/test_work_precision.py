@@ -35,15 +35,18 @@ def race(system: Any = SPRING, end: float = END, **options: Any) -> lg.Race:
 
 @dataclass(frozen=True)
 class Scripted:
-    """A method whose runs end with a given status."""
+    """A method whose runs end with a given status, are said to take a given time, and are counted."""
 
     status: Status = Status.SUCCESS
+    wall: float = 1e-3
+    runs: list[float] = field(default_factory=list)
     name: str = "scripted"
     claims: Claims = field(default_factory=lambda: Claims(order=4))
 
     def integrate(self, problem: Problem) -> Trajectory:
+        self.runs.append(problem.t1)
         result: Trajectory = lg.methods.RK4().integrate(problem)
-        return replace(result, status=self.status, message="as told")
+        return replace(result, status=self.status, message="as told", wall=self.wall)
 
 
 # --- errors, times and costs --------------------------------------------------------------------------------
@@ -73,25 +76,11 @@ def test_the_reference_says_how_well_it_is_known() -> None:
     assert "30 digits" in race(digits=30).result.reference.about
 
 
-@dataclass(frozen=True)
-class Counted:
-    """A method whose runs take a given time and are counted."""
-
-    wall: float
-    runs: list[float] = field(default_factory=list)
-    name: str = "counted"
-    claims: Claims = field(default_factory=lambda: Claims(order=4))
-
-    def integrate(self, problem: Problem) -> Trajectory:
-        self.runs.append(problem.t1)
-        return replace(lg.methods.RK4().integrate(problem), wall=self.wall)
-
-
 @pytest.mark.few(2)
 @pytest.mark.parametrize(("wall", "at_once"), [(1.0, 1), (1e-3, 1), (0.6e-3, 2), (1e-3 / 7, 7)])
 def test_a_short_run_is_repeated_until_it_can_be_timed(wall: float, at_once: int) -> None:
     """There is one run to estimate the cost, one to warm up, and then three repetitions of a millisecond each."""
-    method = Counted(wall)
+    method = Scripted(wall=wall)
     entry = race(methods=[method], repeats=3)[0]
     assert entry.timed == 3 and len(method.runs) == 2 + 3 * at_once
 

@@ -75,12 +75,15 @@ def instance(path: Path, kind: str, folder: Path, messages: list[str] | None = N
     made.freeInstance()
 
 
-def conforms(scene: str, folder: Path) -> None:
-    """Run both versions of an FMU as model exchange and co-simulation, and compare them with our run."""
+@pytest.mark.parametrize(
+    "scene", ["double-pendulum", pytest.param("cartesian-double-pendulum", marks=pytest.mark.slow)]
+)
+def test_a_simulation_equals_ours(scene: str, tmp_path: Path) -> None:
+    """Both versions run as model exchange and as co-simulation."""
     system = shared_scene(scene)
     end = min(1.0, system.statement.run.t_end)
     ours = system.run(end, method="dop853", rtol=1e-13, atol=1e-13)
-    for path in written(system, folder, *CONTENTS, *held(system)).values():
+    for path in written(system, tmp_path, *CONTENTS, *held(system)).values():
         assert validation.validate_fmu(str(path)) == []
         for kind, allowed in (
             ("CoSimulation", 1e-9),
@@ -89,13 +92,6 @@ def conforms(scene: str, folder: Path) -> None:
             last = simulated(path, kind, end)[-1]
             assert last[0] == end
             assert list(last)[1:] == pytest.approx(ours.y[:, -1], rel=allowed, abs=allowed), (path.name, kind)
-
-
-@pytest.mark.parametrize(
-    "scene", ["double-pendulum", pytest.param("cartesian-double-pendulum", marks=pytest.mark.slow)]
-)
-def test_a_simulation_equals_ours(scene: str, tmp_path: Path) -> None:
-    conforms(scene, tmp_path)
 
 
 @pytest.mark.conformance

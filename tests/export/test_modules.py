@@ -86,18 +86,14 @@ def test_a_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
     for command in build:
         run(command, tmp_path)
     head, *rows = run(main_command(start, end, 4), tmp_path).splitlines()
-    assert head.split(",") == ["t", *find_names(system)]
+    names = system.statement.names
+    assert head.split(",") == ["t", *names, *(f"{name}_dot" for name in names)]
     result = np.array([row.split(",") for row in rows], dtype=float)
     # Both take the tolerance of main. Ours is interpolated where main stops, so the steps are not the same.
     rtol = min(MAIN_RTOL, float(system.statement.run.rtol or MAIN_RTOL))
     ours = system.run(end, method="dop853", rtol=rtol, atol=rtol, t_eval=result[:, 0]).y.T
     assert result[:, 0] == pytest.approx(np.linspace(0.0, end, 5), rel=1e-15)
     assert result[:, 1:] == pytest.approx(ours, rel=1000 * rtol, abs=1000 * rtol * np.abs(ours).max())
-
-
-def find_names(system: lg.System) -> list[str]:
-    names = system.statement.names
-    return [*names, *(f"{name}_dot" for name in names)]
 
 
 WRONG: dict[str, tuple[str, str]] = {

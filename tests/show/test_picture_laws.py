@@ -25,7 +25,6 @@ from lagrange.show.figures.style import DARK, LIGHT, STYLES, line_styles, new_fi
 from lagrange.show.files.picture import MOST_BYTES, bounded_png
 from lagrange.statement.statement import corners
 from lagrange.trajectory.measures.times_and_points import moving_points, points_at
-from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import SCENE_NAMES, shared_scene
 from tests.show.examples import farthest, moving, oscillator, x
@@ -51,8 +50,12 @@ def seen(axis: Any, points: FloatArray) -> FloatArray:
     return np.asarray(axis.transData.transform(points.T).T)
 
 
-def curves_are_exact(run: Solution) -> None:
-    """Assert that all curves of a picture are within a pixel of states at 50 times as many times."""
+@pytest.mark.few(1)
+@pytest.mark.parametrize("end", [None, 100.0])
+@pytest.mark.parametrize("name", SCENES)
+def test_curves_are_within_a_pixel_of_the_exact_ones(name: str, end: float | None) -> None:
+    """All curves of a picture are within a pixel of states at 50 times as many times."""
+    run = shared_scene(name).run(end)
     figure = drawn(run.plot())
     first = first_times(run.trajectory)
     fine = np.linspace(run.t[0], run.t[-1], min(50 * len(first), 200_000))
@@ -75,14 +78,6 @@ def curves_are_exact(run: Solution) -> None:
         farthest(where[:, :: max(1, where.shape[1] // 200_000)], [seen(path, line.get_xydata().T) for line in lines])
         < 1
     )
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("end", [None, 100.0])
-@pytest.mark.parametrize("name", SCENES)
-def test_curves_are_within_a_pixel_of_the_exact_ones(name: str, end: float | None) -> None:
-    scene = shared_scene(name)
-    curves_are_exact(scene.run() if end is None else scene.run(end))
 
 
 def test_a_drift_of_the_dense_output_is_told_apart_from_the_steps() -> None:
@@ -361,15 +356,11 @@ def test_few_colours_come_before_few_dots() -> None:
     axis = figure.add_subplot()
     for k in range(100):
         axis.plot(np.random.default_rng(k).random(30), linewidth=0.5)
-    assert len(written_figure(figure)) > MOST_BYTES
-    png = bounded_png(figure, 160)
-    assert size(png) == (960, 640) and len(png) <= MOST_BYTES
-
-
-def written_figure(figure: Figure) -> bytes:
     file = BytesIO()
     figure.savefig(file, format="png", dpi=160)
-    return file.getvalue()
+    assert len(file.getvalue()) > MOST_BYTES
+    png = bounded_png(figure, 160)
+    assert size(png) == (960, 640) and len(png) <= MOST_BYTES
 
 
 def test_a_figure_pickles() -> None:
