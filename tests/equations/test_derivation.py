@@ -22,9 +22,8 @@ from lagrange.statement.energy import gravity, kinetic_energy
 from tests.models import chain
 from tests.textbook.systems import value
 
-m, g, l, k, m1, m2, l1, l2, c, A, C = parameters("m g l k m1 m2 l1 l2 c A C")
+m, g, l, k, m1, m2, c = parameters("m g l k m1 m2 c")
 theta, phi, psi, x, y = coordinates("theta phi psi x y")
-theta1, theta2 = coordinates("theta1 theta2")
 
 
 def left_sides(**stated: Any) -> list[Any]:

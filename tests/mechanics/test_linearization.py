@@ -17,9 +17,9 @@ from tests.models import shared_scene
 from tests.refusals import refusal
 from tests.systems import conical_pendulum, pendulum, rod_pendulum
 
-m, g, l, k, c, w, M, R = lg.parameters("m g l k c w M R")
+m, g, l, k, c, w, M, r = lg.parameters("m g l k c w M r")
 u = lg.parameters("u", positive=False)
-x, y, z, theta, phi = lg.coordinates("x y z theta phi")
+x, y, z, theta, phi, heading, lean, spin = lg.coordinates("x y z theta phi heading lean spin")
 WRONG: Any = 3
 
 
@@ -246,11 +246,6 @@ def test_a_pole_of_coordinates_is_an_equilibrium_only_if_forces_vanish_next_to_i
 
 
 # --- linear equations about motions on constraints: closed forms, and differences of the flow ------------------
-
-
-heading, lean, spin = lg.coordinates("heading lean spin")
-
-r = lg.parameters("r")
 
 
 def disc(*order: Any) -> lg.System:

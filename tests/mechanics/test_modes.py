@@ -212,12 +212,8 @@ def test_shapes_with_roots_of_long_sums_need_no_radsimp(monkeypatch: pytest.Monk
 # Classical Mechanics, 3rd ed., 2002; Szebehely is V. Szebehely, Theory of Orbits, 1967.
 
 
-K, size, R, q, B = lg.parameters("K a R q B")
-I1, I3, mu, alpha, gamma, m1, m2 = lg.parameters("I1 I3 mu alpha gamma m1 m2")
-
-X, Y, r, u, s = lg.coordinates("X Y r u s")
-
-phi, psi, theta1, theta2 = lg.coordinates("phi psi theta1 theta2")
+R, q, B, mu = lg.parameters("R q B mu")
+r, u, s, phi, theta1, theta2 = lg.coordinates("r u s phi theta1 theta2")
 
 
 def same(result: Any, book: Any) -> bool:

@@ -180,8 +180,6 @@ def test_a_scene_has_given_functions(tmp_path: Path) -> None:
 # --- forces and potentials given by tables: `lagrange.table` ---------------------------------------------------
 
 
-y = lg.coordinate("y")
-
 e = lg.parameters("e")
 
 POINTS = np.array([-2.0, -1.2, -0.5, 0.1, 0.6, 1.4, 2.0])
