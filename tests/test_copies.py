@@ -348,8 +348,7 @@ def test_the_size_of_arrays_is_known_before_they_are_made(tmp_path: Path) -> Non
         with pytest.raises(lg.StatementError, match=r"is not a file that solution.to_npz wrote \(.*(array|Object|neg)"):
             lg.load(_rewritten(path, "y", _array(*claim)))
     for content in (b"", b"\x93NUMPY\x09\x00", b"\x93NUMPY\x01\x00\xff\xff" + b"(" * 500):
-        with pytest.raises(lg.StatementError, match=r"is not a file that solution\.to_npz wrote"):
-            lg.load(_rewritten(path, "y", content))
+        assert "is not a file that solution.to_npz wrote" in refusal(lg.load, _rewritten(path, "y", content))
 
 
 def test_files_with_any_bytes_changed_are_read_or_refused(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from lagrange.trajectory.methods.splitting import Splitting
 from lagrange.trajectory.tableaux import explicit as tableaux
 from lagrange.trajectory.tableaux.explicit import dopri5
 from tests.models import SCENE_NAMES, shared_scene, stated_in
+from tests.refusals import refusal
 
 UNDAMPED = ("bs3", "dopri5", "tsit5")
 EXPLICIT = ("dopri5", "dop853", "taylor", "bs3")
@@ -263,14 +264,11 @@ def test_the_matrix_is_what_a_step_does(name: str) -> None:
 
 
 def test_what_has_no_stability() -> None:
-    with pytest.raises(lg.StatementError, match="taylor has no fixed step function"):
-        stability("taylor")
-    with pytest.raises(lg.StatementError, match="verlet moves coordinates and velocities in turn, without damping"):
-        growth("verlet", -1.0)
+    assert "taylor has no fixed step function" in refusal(stability, "taylor")
+    assert "verlet moves coordinates and velocities in turn, without damping" in refusal(growth, "verlet", -1.0)
     with pytest.raises(lg.StatementError, match="verlet moves coordinates and velocities in turn, without damping"):
         lg.methods.plot_stability("rk4", "verlet")
-    with pytest.raises(lg.StatementError, match="name at least one"):
-        lg.methods.plot_stability()
+    assert "name at least one" in refusal(lg.methods.plot_stability)
 
 
 def test_the_picture_of_regions(monkeypatch: pytest.MonkeyPatch) -> None:

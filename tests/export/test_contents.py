@@ -28,6 +28,7 @@ from lagrange.export.straight_line import with_outputs
 from lagrange.export.target import REGISTERED, Target, find, register, target_names
 from tests.export.callers import named, run
 from tests.models import shared_scene
+from tests.refusals import refusal
 from tests.statement.examples import VALUES, X, at, driven, theta, u
 
 LOADED = """
@@ -251,8 +252,7 @@ def test_a_parameter_without_a_value(tmp_path: Path) -> None:
     theta = lg.coordinate("theta")
     m, k = lg.parameters("m k")
     system = lg.System(kinetic=m * theta.dot**2 / 2, potential=k * theta**2 / 2, parameters={m: 1})
-    with pytest.raises(lg.StatementError, match="k"):
-        system.export("c", tmp_path)
+    assert "k" in refusal(system.export, "c", tmp_path)
     assert system.export("c", tmp_path, parameters={k: 3.0}).files
 
 
@@ -297,8 +297,7 @@ def test_a_function_that_a_target_does_not_have(tmp_path: Path) -> None:
 
 
 def test_what_is_no_target() -> None:
-    with pytest.raises(lg.StatementError, match="is not a target"):
-        register(cast("Any", dict))
+    assert "is not a target" in refusal(register, cast("Any", dict))
     with pytest.raises(lg.StatementError, match="there is a target 'fortran' already: give another name"):
         register(type("Mine", (Plain,), {"name": "fortran"}))
 
@@ -502,8 +501,7 @@ def test_the_rate_of_a_constant_input_is_zero(tmp_path: Path) -> None:
     i, voltage = lg.coordinate("i"), lg.given("u")
     circuit = lg.System(kinetic=0, forces={i: voltage - i}, dissipation=i.dot**2 / 2, name="circuit")
     assert "u_dot" in [symbol.name for symbol in circuit.compile("numpy").statement.parameters]
-    with pytest.raises(lg.StatementError, match="its input u has no value: give"):
-        circuit.export("python", tmp_path, ["main"])
+    assert "its input u has no value: give" in refusal(circuit.export, "python", tmp_path, ["main"])
     texts = []
     for held in ({voltage: 12.0}, {voltage: 12.0, voltage.dot: 0.0}):
         made = circuit.export("python", tmp_path, ["rhs", "dop853", "main"], parameters=held)

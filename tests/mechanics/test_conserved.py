@@ -284,8 +284,7 @@ def test_what_is_no_symmetry_is_refused_with_its_rate() -> None:
 
 def test_what_cannot_be_proven_is_not_claimed() -> None:
     hidden = lg.System(m * x.dot**2 / 2, sympy.Piecewise((1, x < 1000), (2, True)), name="hidden")
-    with pytest.raises(StatementError, match="it could not be proven that this is a symmetry of hidden: neither a"):
-        hidden.noether({x: 1})
+    assert "it could not be proven that this is a symmetry of hidden: neither a" in refusal(hidden.noether, {x: 1})
 
 
 @pytest.mark.parametrize(

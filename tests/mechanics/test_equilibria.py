@@ -64,8 +64,7 @@ def test_steady_motions_of_ignorable_coordinates() -> None:
     assert [item.reason for item in poles] == [
         "the mass matrix is singular there: choose coordinates that are regular there."
     ] * 2
-    with pytest.raises(StatementError, match="the mass matrix of system is singular at this point: state the modes"):
-        pendulum.modes({theta: 0})
+    assert "the mass matrix of system is singular at this point: state the modes" in refusal(pendulum.modes, {theta: 0})
 
 
 SYSTEMS = {
@@ -235,8 +234,7 @@ def test_cubics_are_solved_by_number() -> None:
     # Three real roots, which Cardano's formula writes with I; it takes minutes to simplify, and with a parameter its
     # condition is that of another number of roots.
     tilted = lg.System(x.dot**2 / 2, x**4 / 4 - x**2 / 2 + c * x, name="tilted")
-    with pytest.raises(StatementError, match=r"the equilibria of tilted are not found in symbols, and for a search by"):
-        tilted.equilibria()
+    assert "the equilibria of tilted are not found in symbols, and for a search by" in refusal(tilted.equilibria)
     result = tilted.substitute({c: sympy.Rational(1, 10)}).equilibria()
     assert [item.stable for item in result] == [True, True, False]
     assert all(abs(item.coordinates[x] ** 3 - item.coordinates[x] + 0.1) < 1e-12 for item in result)

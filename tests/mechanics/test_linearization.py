@@ -120,8 +120,7 @@ def test_a_knife_edge_has_more_positions_than_velocities() -> None:
     assert set(modes.frequencies) == {sympy.sqrt(k) / sympy.sqrt(m), sympy.sqrt(k) / sympy.sqrt(M)}
     assert (modes.linearization.coordinates, modes.stable) == ((x, theta), None)
     blown = lg.System(potential=k * x * y, **sledge)
-    with pytest.raises(StatementError, match=r"system has constraints on velocities, and its forces depend on more"):
-        blown.modes({})
+    assert "system has constraints on velocities, and its forces depend on more" in refusal(blown.modes, {})
 
 
 def test_corners_that_do_not_matter_leave_the_matrices() -> None:
@@ -217,8 +216,7 @@ def test_formulas_of_any_size_are_refused_without_being_walked() -> None:
     for number in range(60):
         large = (large + number) * (large - 1)
     shortener = Shortener("A", lambda _: False)
-    with pytest.raises(StatementError, match=r"^A would be formulas of more than 15,000 symbols and op"):
-        shortener.short(large)
+    assert refusal(shortener.short, large).startswith("A would be formulas of more than 15,000 symbols and op")
 
 
 def test_the_inverse_of_a_sparse_mass_matrix_is_short() -> None:

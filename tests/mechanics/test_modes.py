@@ -13,6 +13,7 @@ import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import modes as modes_module
 from tests.models import shared_scene
+from tests.refusals import refusal
 from tests.systems import conical_pendulum
 
 m, g, l, k, c, w, M = lg.parameters("m g l k c w M")
@@ -129,8 +130,7 @@ def test_reasons_say_what_is_not_known() -> None:
 )
 def test_verdicts(system: Any, stable: Any) -> None:
     if stable == "refused":
-        with pytest.raises(StatementError, match=r"there are no modes at this point\. Away from equilibrium: the forc"):
-            system().modes()
+        assert "there are no modes at this point. Away from equilibrium: the forc" in refusal(lambda: system().modes())
     else:
         assert system().modes().stable is stable
 
@@ -152,8 +152,7 @@ def test_refusals() -> None:
     with pytest.raises(StatementError, match=r"there are no modes at this point\. Away from equilibrium: the force"):
         pendulum.modes({theta: pi / 3})
     driven = lg.System(m * x.dot**2 / 2, k * x**2 * (2 + sin(lg.t)))
-    with pytest.raises(StatementError, match=r"the linear equations of system depend on time at this point, and ha"):
-        driven.modes()
+    assert "the linear equations of system depend on time at this point, and ha" in refusal(driven.modes)
     assert driven.linearize().K[0, 0].has(lg.t)
     assert "unstable; frequencies" in repr(pendulum.modes({theta: pi}))
     assert pendulum.modes({theta: pi}).frequencies[0].is_imaginary
@@ -181,8 +180,7 @@ def test_frequencies_are_written_short_and_have_the_right_values() -> None:
 
 def test_a_mass_of_zero_is_refused_in_a_sentence() -> None:
     massless = lg.System(m * l**2 * theta.dot**2 / 2, -m * g * l * cos(theta), parameters={m: 0, g: 9.81, l: 1})
-    with pytest.raises(StatementError, match="the mass matrix is singular at these values of the parameters"):
-        massless.modes()
+    assert "the mass matrix is singular at these values of the parameters" in refusal(massless.modes)
     assert {item.stable for item in massless.equilibria()} == {None}
 
 

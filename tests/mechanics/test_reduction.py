@@ -170,8 +170,7 @@ def test_a_multiplier_in_a_force_keeps_its_constraint(expected: Any) -> None:
         constraints={"floor": y},
         forces={x: -c * lg.multiplier("floor") * sympy.sign(x.dot)},
     )
-    with pytest.raises(StatementError, match="the force on x contains the multiplier of floor, which has no value"):
-        block.eliminate(expected)
+    assert "the force on x contains the multiplier of floor, which has no value" in refusal(block.eliminate, expected)
 
 
 def test_a_branch_has_to_hold_near_the_initial_state_alone() -> None:
@@ -183,8 +182,7 @@ def test_a_branch_has_to_hold_near_the_initial_state_alone() -> None:
         initial={x: -1, y: 1},
     )
     assert roof.eliminate({y: -x}).accelerations() == {x: g / 2}
-    with pytest.raises(StatementError, match="y = 'x' does not solve a constraint"):
-        roof.eliminate({y: x})
+    assert "y = 'x' does not solve a constraint" in refusal(roof.eliminate, {y: x})
 
 
 # --- routh's procedure: the reduced system has the motion of the whole, and ignored coordinates are recovered ---
@@ -278,8 +276,7 @@ def test_refusals(make: Any, expected: Any, words: str) -> None:
 
 def test_a_run_of_another_system_is_refused() -> None:
     for run in (plain().run(0.1, parameters={m: 1}), 7):
-        with pytest.raises(StatementError, match=r"this is not a run of a Routhian of pair: run routhian\(...\) of"):
-            plain().ignored(run)
+        assert "this is not a run of a Routhian of pair: run routhian(...) of" in refusal(plain().ignored, run)
 
 
 @pytest.mark.slow

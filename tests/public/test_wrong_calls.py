@@ -19,7 +19,7 @@ from lagrange.errors import LONGEST_SENTENCE
 from lagrange.trajectory.methods import registry
 from tests.public.surface import INSTANCES, Public, arguments, classes, surface
 from tests.public.values import KINDS, MADE, Hostile
-from tests.refusals import nested
+from tests.refusals import nested, refusal
 
 SEED = 20_240_229
 LONGEST = 120.0
@@ -198,8 +198,7 @@ def test_what_is_shown_has_no_bound_of_digits() -> None:
 def test_what_is_shown_has_no_bound_of_levels(tmp_path: Path) -> None:
     deep = nested(lg.coordinate("x"), 350)
     assert "an expression of many parts" in repr(lg.contact(deep, slip=lg.coordinate("x").dot, friction=0.1))
-    with pytest.raises(lg.StatementError, match="nested too deeply for SymPy"):
-        INSTANCES[lg.Solution]().plot(deep)
+    assert "nested too deeply for SymPy" in refusal(lambda: INSTANCES[lg.Solution]().plot(deep))
     x, y = lg.coordinates("x y")
     plane = lg.System(x.dot**2 + y.dot**2, 0, coordinates=[x, y])
     for call in (
@@ -210,6 +209,5 @@ def test_what_is_shown_has_no_bound_of_levels(tmp_path: Path) -> None:
         lambda: lg.scene("pendulum").substitute({"m": nested(lg.parameters("q"), 350)}),
         lambda: lg.System(x.dot**2 + y.dot**2, constraints=[x - y]).eliminate({y: deep}),
     ):
-        with pytest.raises(lg.StatementError, match="nested too deeply for SymPy"):
-            call()
+        assert "nested too deeply for SymPy" in refusal(call)
     assert "Hostile" in repr(UNTYPED.Problem(None, {}, 0.0, Hostile(), np.zeros(2)))

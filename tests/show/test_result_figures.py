@@ -75,10 +75,8 @@ def test_a_picture_is_drawn_on_axes_of_the_users(kind: str) -> None:
     assert left.has_data()
     assert not right.has_data()
     wrong: Any = "left"
-    with pytest.raises(StatementError, match="ax is 'left': give axes of Matplotlib, or leave it out"):
-        record.plot(ax=wrong)
-    with pytest.raises(StatementError, match="style = 'blue' is not known"):
-        record.plot(style="blue")
+    assert "ax is 'left': give axes of Matplotlib, or leave it out" in refusal(record.plot, ax=wrong)
+    assert "style = 'blue' is not known" in refusal(record.plot, style="blue")
 
 
 def lines_of(axis: Axes, colour: str) -> list[Any]:
@@ -127,10 +125,8 @@ def test_a_section_draws_the_entries_that_are_asked_for() -> None:
     assert points == pytest.approx(section.points[:, [3, 2]])
     (axis,) = section.plot().axes
     assert len(axis.get_lines()) == 2  # the border too
-    with pytest.raises(StatementError, match="x names 'z', which is not a coordinate or velocity of this system"):
-        section.plot(x="z")
-    with pytest.raises(StatementError, match="entry names 'z'"):
-        recorded("sweep").plot("z")
+    assert "x names 'z', which is not a coordinate or velocity of this system" in refusal(section.plot, x="z")
+    assert "entry names 'z'" in refusal(lambda: recorded("sweep").plot("z"))
     with pytest.raises(StatementError, match="velocities are zero at equilibria: give a coordinate, such as theta"):
         recorded("branches").plot(theta.dot)
 
@@ -274,8 +270,7 @@ def test_a_card_has_the_picture_and_the_first_failure() -> None:
     assert shown.startswith("<table>") and "data:image/png;base64," in shown
     lost = lg.ensemble(STAR, 15.0, {"x": [0.9, 1.0]})
     assert "there is nothing to draw" in lost._repr_html_()
-    with pytest.raises(lg.StatementError, match="there is nothing to draw"):
-        lost.plot()
+    assert "there is nothing to draw" in refusal(lost.plot)
 
 
 def test_a_table_has_a_line_for_each_member(tmp_path: Path) -> None:
@@ -292,8 +287,7 @@ def test_a_table_has_a_line_for_each_member(tmp_path: Path) -> None:
         assert float(row["t_event_0[0]"]) == runs.t_events[0][i, 0]
         assert float(row["y_event_0[0][1]"]) == runs.y_events[0][i, 0, 1]
     over_time = lg.ensemble(PENDULUM, 1.0, grid, t_eval=[0.5])
-    with pytest.raises(lg.StatementError, match="cannot hold states at output times"):
-        over_time.to_csv(tmp_path / "none.csv")
+    assert "cannot hold states at output times" in refusal(over_time.to_csv, tmp_path / "none.csv")
 
 
 def test_a_curve_is_drawn_over_what_varies_and_failures_are_told() -> None:
@@ -413,8 +407,7 @@ def test_the_fastest_within_an_error() -> None:
     assert race.fastest(5e-7) is ENTRIES[2]
     assert race.fastest(4e-10) is ENTRIES[1]
     assert race.fastest(1e-30) is None
-    with pytest.raises(StatementError, match="error = 0: give the largest allowed error"):
-        race.fastest(0.0)
+    assert "error = 0: give the largest allowed error" in refusal(race.fastest, 0.0)
 
 
 def test_the_file_has_every_run_and_numbers_round_trip(tmp_path: Path) -> None:
@@ -493,8 +486,6 @@ def test_what_is_not_shown_is_said() -> None:
 
 
 def test_there_may_be_nothing_to_draw() -> None:
-    with pytest.raises(StatementError, match="nothing to plot"):
-        made(ENTRIES[4:]).plot()
-    with pytest.raises(StatementError, match="nothing to plot"):
-        made([replace(ENTRIES[0], error=math.inf)]).plot()
+    assert "nothing to plot" in refusal(lambda: made(ENTRIES[4:]).plot())
+    assert "nothing to plot" in refusal(lambda: made([replace(ENTRIES[0], error=math.inf)]).plot())
     assert "Within 1e-03: no run." in repr(made(ENTRIES[4:]))

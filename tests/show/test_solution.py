@@ -502,8 +502,7 @@ def test_what_is_no_place_for_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.csv").mkdir()
     with pytest.raises(StatementError, match=r"a\.csv: it is a folder\. Name a file in it\."):
         write_together(tmp_path, {"a.csv": text("new"), "b.csv": text("new")})
-    with pytest.raises(StatementError, match="there is no folder"):
-        write_together(tmp_path / "no", {"a.csv": text("new")})
+    assert "there is no folder" in refusal(write_together, tmp_path / "no", {"a.csv": text("new")})
     with pytest.raises(StatementError, match=r"has control characters: give another name"):
         write_together(tmp_path / "a\0b", {"a.csv": text("new")})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv"]
@@ -537,20 +536,17 @@ WRITERS: dict[str, Callable[[Path], Any]] = {
 @pytest.mark.usefixtures("lazy")
 @pytest.mark.parametrize("kind", WRITERS)
 def test_a_missing_folder_is_refused_first(kind: str, tmp_path: Path) -> None:
-    with pytest.raises(lg.StatementError, match="there is no folder"):
-        WRITERS[kind](tmp_path / "missing")
+    assert "there is no folder" in refusal(WRITERS[kind], tmp_path / "missing")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.usefixtures("lazy")
 def test_a_folder_that_cannot_be_made_is_refused_first(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
-    with pytest.raises(lg.StatementError, match="cannot be made"):
-        unit_pendulum().export("python", tmp_path / "file" / "out")
+    assert "cannot be made" in refusal(lambda: unit_pendulum().export("python", tmp_path / "file" / "out"))
 
 
 @pytest.mark.usefixtures("lazy")
 def test_a_folder_that_may_not_be_written_to_is_refused_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
-    with pytest.raises(lg.StatementError, match="may not be written to"):
-        WRITERS["html"](tmp_path)
+    assert "may not be written to" in refusal(WRITERS["html"], tmp_path)

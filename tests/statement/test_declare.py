@@ -195,10 +195,8 @@ def test_leaves_in_order_of_first_appearance() -> None:
 
 def test_accelerations_only_where_they_are_asked_for() -> None:
     assert list(survey(x.ddot, accelerations=True).velocities) == [x.dot]
-    with pytest.raises(StatementError, match="derivative of order 2 of x"):
-        survey(x.ddot)
-    with pytest.raises(StatementError, match="derivative of order 3 of x"):
-        survey(x.diff(t, 3), accelerations=True)
+    assert "derivative of order 2 of x" in refusal(survey, x.ddot)
+    assert "derivative of order 3 of x" in refusal(survey, x.diff(t, 3), accelerations=True)
 
 
 def test_long_and_shared_expressions_are_walked_once() -> None:
@@ -290,10 +288,8 @@ def test_a_coordinate_has_its_rates_whatever_sympy_has_made_before() -> None:
 
 
 def test_functions_of_numpy_name_those_of_sympy() -> None:
-    with pytest.raises(StatementError, match=r"works on numbers, and x is a coordinate: write sympy.cos\(x\)"):
-        np.cos(coordinate("x"))
-    with pytest.raises(StatementError, match=r"write sympy.atan\(x\), with from sympy import atan"):
-        np.arctan(coordinate("x"))
+    assert "works on numbers, and x is a coordinate: write sympy.cos(x)" in refusal(np.cos, coordinate("x"))
+    assert "write sympy.atan(x), with from sympy import atan" in refusal(np.arctan, coordinate("x"))
 
 
 def test_several_names_give_a_tuple_and_one_gives_itself() -> None:
@@ -313,10 +309,8 @@ def test_parameters_are_real_and_positive_unless_told_otherwise() -> None:
 
 @pytest.mark.parametrize("names", ["", " ", ",", None, 3, ["x"]])
 def test_no_names(names: Any) -> None:
-    with pytest.raises(StatementError, match=r"names no coordinate: give a text such as 'x y'"):
-        coordinates(names)
-    with pytest.raises(StatementError, match=r"names no parameter: give a text such as 'x y'"):
-        parameters(names)
+    assert "names no coordinate: give a text such as 'x y'" in refusal(coordinates, names)
+    assert "names no parameter: give a text such as 'x y'" in refusal(parameters, names)
 
 
 @pytest.mark.parametrize(("make", "what"), [(coordinates, "coordinate"), (parameters, "parameter")])
@@ -468,8 +462,7 @@ def test_an_expression_is_surveyed_once_for_many_runs(monkeypatch: pytest.Monkey
     monkeypatch.setattr(Survey, "add", walked)
     assert declare_events([given], STATEMENT) == (first,)
     # Whether a system has what it contains is asked for each system.
-    with pytest.raises(StatementError, match="which this system does not have"):
-        declare_events([given], other)
+    assert "which this system does not have" in refusal(declare_events, [given], other)
 
 
 def test_multipliers_of_constraints_that_are_none_are_refused() -> None:

@@ -282,8 +282,7 @@ def test_an_inertia_that_is_constant_in_space_is_remarked() -> None:
 def test_a_rotation_is_held_with_its_rates() -> None:
     tied = lg.System(KINETIC, constraints={"upright": R[2, 2] - sympy.cos(0.3)}, parameters=VALUES)
     start = {R: lg.turn((1, 0, 0), 0.31), R.body: (0, 0, 2)}
-    with pytest.raises(lg.StatementError, match="upright"):
-        tied.consistent(start, hold=[R])
+    assert "upright" in refusal(tied.consistent, start, hold=[R])
     kept = tied.consistent({R: lg.turn((1, 0, 0), 0.3), R.body: (0, 0, 2)}, hold=[R.body])
     assert kept.moved == 0
 

@@ -15,6 +15,7 @@ from lagrange.show.notebook.html_card import sentences, table
 from lagrange.show.notebook.page_writer import PageWriter
 from tests.models import g, l, m, shared_scene, theta
 from tests.public import surface
+from tests.refusals import refusal
 from tests.show.examples import free
 from tests.show.notebook.shown import HOSTILE, held, rich
 from tests.systems import chain, pendulum
@@ -133,16 +134,14 @@ def test_a_short_derivation_leaves_out_the_steps() -> None:
     assert headings == ["Stated", "Lagrangian", "Equations of motion", "Accelerations", "Remarks"]
     assert "Coordinate" in full.text() and "Coordinate" not in short._repr_markdown_()
     assert pickle.loads(pickle.dumps(short)).text() == short.text()
-    with pytest.raises(lg.StatementError, match=r"^detail = 'long': choose one of full and short\."):
-        SYSTEM.derivation(detail="long")
+    assert refusal(SYSTEM.derivation, detail="long").startswith("detail = 'long': choose one of full and short.")
 
 
 def test_a_paper_has_author_title_date_and_problem() -> None:
     paper = SYSTEM.derivation().latex(title="A & B", author="Ada", date="1 May", problem="Derive 100 % of it.")
     assert r"\title{A \& B}" in paper and r"\author{Ada}" in paper and r"\date{1 May}" in paper
     assert r"\textbf{Problem.} Derive 100 \% of it.\par" in paper
-    with pytest.raises(lg.StatementError, match=r"^author"):
-        SYSTEM.derivation().latex(author=cast("Any", 5))
+    assert refusal(lambda: SYSTEM.derivation().latex(author=cast("Any", 5))).startswith("author")
 
 
 def test_a_system_has_no_page() -> None:
