@@ -257,8 +257,7 @@ def test_an_older_file_moves_from_its_outputs_unless_they_are_too_far_apart(tmp_
     steps = lg.load(without_states_between(run.to_npz(tmp_path / "steps.npz"))).animate()
     np.testing.assert_allclose(steps.states, run.animate().states, rtol=0, atol=1e-4)
     few = lg.load(without_states_between(run.sampled([0.0, 1.0, 5.0]).to_npz(tmp_path / "few.npz")))
-    with pytest.raises(lg.StatementError, match=r"the states at t = 0 and 1 are too far apart for a moving picture"):
-        few.animate(tmp_path / "few.html")
+    assert "the states at t = 0 and 1 are too far apart for a moving pi" in refusal(few.animate, tmp_path / "few.html")
     assert not (tmp_path / "few.html").exists()
 
 

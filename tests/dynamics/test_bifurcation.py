@@ -13,6 +13,7 @@ from lagrange.errors import StatementError
 from lagrange.show.dynamics import Bifurcation, EquilibriumBranches
 from tests.dynamics.planar import F, duffing, hoop, interrupting, m, mu, pendulum, w, x
 from tests.models import shared_scene
+from tests.refusals import refusal
 
 
 def swept(*arguments: Any, **named: Any) -> Bifurcation:
@@ -206,8 +207,7 @@ def test_displacements_are_the_derivatives_of_the_positions() -> None:
 
 def test_shapes_want_values_of_the_parameters() -> None:
     open_ended = lg.System(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={m: 1.0})
-    with pytest.raises(StatementError, match="shapes are drawn at values of the parameters, and k has no value"):
-        open_ended.modes().plot()
+    assert "shapes are drawn at values of the parameters, and k has no v" in refusal(lambda: open_ended.modes().plot())
 
 
 def test_an_equilibrium_at_a_jump_of_a_force_is_no_branch() -> None:
@@ -215,7 +215,6 @@ def test_an_equilibrium_at_a_jump_of_a_force_is_no_branch() -> None:
     sliding = lg.System(x.dot**2 / 2, k * x**2 / 2 - cos(x), forces={x: -sympy.sign(x.dot)}, parameters={k: 1})
     with pytest.raises(StatementError, match=r"the forces on x have a corner or a jump at x = 0.*, where x_dot is zer"):
         lg.bifurcation(sliding, k, [0.5, 1.0, 2.0])
-    with pytest.raises(StatementError, match=r"the forces on x have a corner or a jump at x = 0, where x_dot is zero"):
-        sliding.eigenvalues(k, [1.0, 2.0], {x: 0})
+    assert "the forces on x have a corner or a jump at x = 0, w" in refusal(sliding.eigenvalues, k, [1.0, 2.0], {x: 0})
     smooth = lg.System(x.dot**2 / 2, k * x**2 / 2 - cos(x), forces={x: -abs(x.dot) * x.dot}, parameters={k: 1})
     assert smooth.eigenvalues(k, [1.0, 2.0], {x: 0}).stable.all()

@@ -209,8 +209,7 @@ def test_multipliers_are_refused_with_the_accelerations_where_they_are_too_large
     monkeypatch.setattr(textbook_algebra, "LONGEST_FORMULA", 3)
     monkeypatch.setattr(textbook_algebra, "EXPANDED_WITH_MULTIPLIERS", 0)
     for part in ("accelerations", "multipliers"):
-        with pytest.raises(StatementError, match="too large for the solved accelerations to be written out"):
-            getattr(derive(declare(**PENDULUM)), part)
+        assert "too large for the solved accelerations to be wr" in refusal(getattr, derive(declare(**PENDULUM)), part)
 
 
 @pytest.mark.parametrize("expanded", [0, 6])

@@ -267,9 +267,7 @@ def test_total_derivatives_forces_and_constraints(statement: Any, generator: Any
 
 
 def test_what_is_no_symmetry_is_refused_with_its_rate() -> None:
-    with pytest.raises(StatementError) as refusal:
-        KEPLER.noether({x: 1})
-    told = str(refusal.value)
+    told = refusal(KEPLER.noether, {x: 1})
     assert told.startswith(
         "this is not a symmetry of kepler: its quantity m*x_dot changes at the rate -k*x/(x**2 + y**2)**(3/2), which "
     )

@@ -117,8 +117,7 @@ def test_symbols_and_search_find_the_same(name: str) -> None:
 
 
 def test_coordinates_at_which_forces_are_infinite_are_none() -> None:
-    with pytest.raises(StatementError, match="kepler has no equilibrium: the forces on x and y at rest, solved in"):
-        shared_scene("kepler").equilibria()
+    assert "kepler has no equilibrium: the forces on x and y a" in refusal(lambda: shared_scene("kepler").equilibria())
 
 
 T = m * x.dot**2 / 2
@@ -290,8 +289,7 @@ def test_flat_places_are_found_and_surfaces_are_not_listed() -> None:
     assert abs(bowl.coordinates[y]) < 1e-3
     with pytest.raises(StatementError, match=r"no equilibrium of tail was found"):  # the force is small far out alone
         lg.System(x.dot**2 / 2, 2 * sympy.tanh(x), name="tail").equilibria()
-    with pytest.raises(StatementError, match=r"free-flip has too many equilibria to list: 256 starts of Newton's met"):
-        shared_scene("free-flip").equilibria()
+    assert "free-flip has too many equilibria to list: 256 " in refusal(lambda: shared_scene("free-flip").equilibria())
     with pytest.raises(StatementError, match=r"free-top has too many .* Call equilibria\(\{R.space\[2\]: 0\}\)."):
         shared_scene("free-top").equilibria()
 
@@ -439,10 +437,8 @@ ASKED: dict[str, Callable[[lg.System], Any]] = {
 
 @pytest.mark.parametrize("asked", ASKED)
 def test_open_functions_are_refused(asked: str) -> None:
-    with pytest.raises(lg.StatementError, match="X is a given function of time, and has no values to compute with"):
-        ASKED[asked](driven(lg.given("X")))
-    with pytest.raises(lg.StatementError, match=r"compute with: call linearize\(inputs=\['X'\]\) for a matrix B"):
-        driven(lg.given("X")).linearize()
+    assert "X is a given function of time, and has no values to comput" in refusal(ASKED[asked], driven(lg.given("X")))
+    assert "compute with: call linearize(inputs=['X']) for a mat" in refusal(lambda: driven(lg.given("X")).linearize())
     with pytest.raises(lg.StatementError, match=r"U\(theta\(t\)\) has no formula: a derivation leaves"):
         ASKED[asked](lg.System(m * theta.dot**2 / 2, Function("U")(theta), parameters={m: 1}))
 

@@ -65,8 +65,7 @@ def test_a_given_function_is_an_input_too() -> None:
         assert (Matrix([[0, 1], [-k / m, 0]]), Matrix([0, 1 / m])) == (lin.A, lin.B)
     assert spring.linearize({x: 1, push: k}, inputs=[push]).equilibrium
     shaken = lg.System(m * (x.dot + pivot.dot) ** 2 / 2, k * x**2 / 2, coordinates=[x])
-    with pytest.raises(StatementError, match="the statement contains derivatives of the input pivot, and in the term"):
-        shaken.linearize(inputs=[pivot])
+    assert "the statement contains derivatives of the input pivot, and in" in refusal(shaken.linearize, inputs=[pivot])
 
 
 def test_a_steady_motion_is_one_and_others_are_told() -> None:

@@ -10,7 +10,7 @@ import sympy
 from sympy import I, Rational, asin, cos, pi, sin, sqrt
 
 import lagrange as lg
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError
 from lagrange.mechanics import modes as modes_module
 from tests.models import shared_scene
 from tests.refusals import refusal
@@ -39,8 +39,7 @@ def test_a_chain_of_five_is_numbers() -> None:
     np.testing.assert_allclose([float(w) for w in result.frequencies], expected, rtol=1e-12)
     np.testing.assert_allclose([float(s) for s in result.shapes[1]], [1, 1, 0, -1, -1], atol=1e-12)
     assert result.stable is True
-    with pytest.raises(StatementError, match=r"the modes of system are not found in symbols, and for numbers w has"):
-        system.substitute({k: 2 * w}).modes()
+    assert "the modes of system are not found in symbols, an" in refusal(lambda: system.substitute({k: 2 * w}).modes())
 
 
 def test_damped_and_gyroscopic_modes() -> None:
@@ -149,8 +148,7 @@ def test_time_that_cancels_from_the_energy_is_no_time() -> None:
 
 def test_refusals() -> None:
     pendulum = lg.System(m * l**2 * theta.dot**2 / 2, -m * g * l * cos(theta))
-    with pytest.raises(StatementError, match=r"there are no modes at this point\. Away from equilibrium: the force"):
-        pendulum.modes({theta: pi / 3})
+    assert "there are no modes at this point. Away from equilibrium: the f" in refusal(pendulum.modes, {theta: pi / 3})
     driven = lg.System(m * x.dot**2 / 2, k * x**2 * (2 + sin(lg.t)))
     assert "the linear equations of system depend on time at this point, and ha" in refusal(driven.modes)
     assert driven.linearize().K[0, 0].has(lg.t)

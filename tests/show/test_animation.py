@@ -12,7 +12,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 import lagrange as lg
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError
 from lagrange.page.document import hash_of, short
 from lagrange.page.player import LEVELS
 from lagrange.show.animation import film, gif
@@ -251,10 +251,8 @@ def test_nothing_to_animate() -> None:
     statement = oscillator().model.statement
     lost = solved(statement, np.array([0.0, 1.0]), lambda t: np.full((2, len(t)), np.nan), Status.NON_FINITE)
     assert "the run has a state that is not a finite number, which cannot be drawn" in refusal(lost.animate)
-    with pytest.raises(StatementError, match="p has no finite position at t = 0, so that it cannot be drawn"):
-        moving(lambda a, b: 1 / a, 0.0).animate()
-    with pytest.raises(StatementError, match="the number of the frame = 99: give a whole number from 0 to 30"):
-        double_pendulum().animate().frame(99)
+    assert "p has no finite position at t = 0, so that i" in refusal(lambda: moving(lambda a, b: 1 / a, 0.0).animate())
+    assert "the number of the frame = 99: give a whole numbe" in refusal(lambda: double_pendulum().animate().frame(99))
 
 
 # --- files of animations (HTML, GIF, MP4) are written completely or not at all ---------------------------------

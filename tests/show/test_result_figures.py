@@ -20,7 +20,6 @@ from sympy import cos
 
 import lagrange as lg
 from lagrange.dynamics.axes import TURN
-from lagrange.errors import StatementError
 from lagrange.evidence.trust_horizon import ReferenceSolution, Sensitivity
 from lagrange.evidence.work_precision import Entry, Result
 from lagrange.show.dynamics import Drawn
@@ -127,8 +126,7 @@ def test_a_section_draws_the_entries_that_are_asked_for() -> None:
     assert len(axis.get_lines()) == 2  # the border too
     assert "x names 'z', which is not a coordinate or velocity of this system" in refusal(section.plot, x="z")
     assert "entry names 'z'" in refusal(lambda: recorded("sweep").plot("z"))
-    with pytest.raises(StatementError, match="velocities are zero at equilibria: give a coordinate, such as theta"):
-        recorded("branches").plot(theta.dot)
+    assert "velocities are zero at equilibria: give a coordin" in refusal(lambda: recorded("branches").plot(theta.dot))
 
 
 def test_branches_meet_where_they_bifurcate() -> None:

@@ -168,9 +168,7 @@ def test_parameter_values_are_overlaid() -> None:
     ],
 )
 def test_parameter_values_that_are_refused(given: Any, message: str) -> None:
-    with pytest.raises(StatementError) as caught:
-        parameter_values(given, (m, g, l), {})
-    assert message in str(caught.value)
+    assert message in refusal(parameter_values, given, (m, g, l), {})
 
 
 # --- What an expression is made of, and what may not stand in it ---

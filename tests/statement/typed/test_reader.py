@@ -153,9 +153,7 @@ def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
     ],
 )
 def test_refusals_have_all_faults_with_their_places(text: str, parts: list[str]) -> None:
-    with pytest.raises(StatementError) as refusal:
-        reader().equations(text)
-    message = str(refusal.value)
+    message = refusal(reader().equations, text)
     assert all(part in message for part in parts), message
     assert len(message) <= 400 and message.isprintable()
 
@@ -192,8 +190,7 @@ def refused(typed: TypedReader, text: str) -> str:
 
 
 def test_a_long_text_is_refused_before_it_is_read() -> None:
-    with pytest.raises(StatementError, match=r"^line 1 has 30000 characters, more than the 8000 of an equation"):
-        reader().equations("x" * 30_000)
+    assert refusal(reader().equations, "x" * 30_000).startswith("line 1 has 30000 characters, more than the 8")
     with pytest.raises(StatementError, match=r"^the text has 70000 characters, and an answer may have 60000"):
         reader().equations("x'' = 0\n" * 8_750)
 
@@ -220,6 +217,5 @@ ENDLESS = {
 @pytest.mark.parametrize("name", ENDLESS)
 def test_long_and_deep_texts_are_refused(name: str) -> None:
     text, said = ENDLESS[name]
-    with pytest.raises(StatementError) as refusal:
-        reader().equations(text)
-    assert said in str(refusal.value) and len(str(refusal.value)) <= 400
+    message = refusal(reader().equations, text)
+    assert said in message and len(message) <= 400
