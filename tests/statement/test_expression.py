@@ -153,7 +153,7 @@ def test_arrays_of_every_kind(value: Any) -> None:
 def test_room_is_counted_for_what_is_computed_for_each_entry() -> None:
     times = np.broadcast_to(0.5, 10**8)
     assert real_array(times, "t").size == 10**8
-    assert "t has 1e.08 entries, which takes 5.96 GiB of memory" in refusal(real_array, times, "t", width=8)
+    assert "t has 1e+08 entries, which takes 5.96 GiB of memory" in refusal(real_array, times, "t", width=8)
 
 
 @pytest.mark.parametrize("value", [0, 1, None, "yes", np.array([1, 2]), 0.0])
