@@ -4,7 +4,6 @@ import csv
 import json
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from lagrange.cli.program import main
 from lagrange.members import jobs, store
 from lagrange.show.figures.run_figure import WHAT
 from tests.drop import DROP, Captured, Patch, data, printed, refused, written
+from tests.dynamics.planar import interrupting
 
 VARY = ["--vary", "theta=0.1:2:3", "--vary", "l=0.5:1:2", "--t-end", "1"]
 
@@ -47,7 +47,7 @@ def test_an_interrupted_store_goes_on(tmp_path: Path, capsys: Captured, monkeypa
     monkeypatch.setattr(jobs, "FIRST_CHUNK", 2)
     command = ["ensemble", "pendulum", *VARY, "--workers", "1", "--out", str(tmp_path / "runs.zarr"), "--progress"]
     with monkeypatch.context() as patch:
-        patch.setattr(store.StoredResults, "write", interrupting(store.StoredResults.write, 1))
+        patch.setattr(store.StoredResults, "write", interrupting(1)(store.StoredResults.write))
         assert main(command) == 130
     said = capsys.readouterr()
     assert "2 success and 4 interrupted" in said.out and "the same command goes on from here" in said.out
@@ -56,18 +56,6 @@ def test_an_interrupted_store_goes_on(tmp_path: Path, capsys: Captured, monkeypa
     said = capsys.readouterr()
     assert "ended   6 success" in said.out and "2 were stored before" in said.out
     assert said.err.startswith("6 of 6 members, ")
-
-
-def interrupting(function: Any, after: int) -> Any:
-    """Return a function that raises KeyboardInterrupt after a number of calls."""
-    calls = iter(range(after))
-
-    def called(*arguments: Any) -> Any:
-        if next(calls, None) is None:
-            raise KeyboardInterrupt
-        return function(*arguments)
-
-    return called
 
 
 def test_failures_are_an_exit_code(capsys: Captured) -> None:

@@ -177,8 +177,7 @@ def test_a_run_without_output_still_has_a_card() -> None:
     run = oscillator([])
     assert "no outputs" in repr(run) and run.card()["outputs"] == 0 and run.card()["initial"] == {}
     assert run.card()["t_end"] == run.trajectory.span[1]
-    with pytest.raises(StatementError, match="no output"):
-        _ = run.drift
+    assert "no output" in refusal(lambda: run.drift)
 
 
 def test_csv_round_trips(tmp_path: Path) -> None:
@@ -503,8 +502,7 @@ def test_what_is_no_place_for_files_is_refused(tmp_path: Path) -> None:
     with pytest.raises(StatementError, match=r"a\.csv: it is a folder\. Name a file in it\."):
         write_together(tmp_path, {"a.csv": text("new"), "b.csv": text("new")})
     assert "there is no folder" in refusal(write_together, tmp_path / "no", {"a.csv": text("new")})
-    with pytest.raises(StatementError, match=r"has control characters: give another name"):
-        write_together(tmp_path / "a\0b", {"a.csv": text("new")})
+    assert "has control characters: give another" in refusal(write_together, tmp_path / "a\0b", {"a.csv": text("new")})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv"]
 
 
