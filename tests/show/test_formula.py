@@ -344,7 +344,7 @@ def test_parts_stay_text() -> None:
 
 LONG = (
     *("pleiades", "seven-body-mechanism", "hanging-chain", "spinning-top", "slider-crank", "free-flip"),
-    *("sun-earth-moon", "four-bar-ladder", "four-bar-change-point"),
+    *("sun-earth-moon", "four-bar", "four-bar-ladder", "four-bar-change-point"),
 )
 SCENES = [
     pytest.param(name, marks=[pytest.mark.slow] * (name in LONG))
