@@ -5,9 +5,9 @@ from __future__ import annotations
 EPSILON = 2.0**-52
 
 POLYNOMIAL_NOISE = 8 * EPSILON
-"""Least noise of a polynomial on a step, relative to sum |c[k] h**k|. The value was measured after 30 halvings around
-simple, double and close roots of random polynomials up to degree 40 (64). Bernstein coefficients then have errors of at
-most 3.6 (4.6) EPSILON, and coefficients within 64 EPSILON of zero have errors of at most 0.9 (1.2) EPSILON.
+"""Least noise of a polynomial on a step, relative to sum |c[k] h**k|. Measured after 30 halvings around simple, double
+and close roots of random polynomials up to degree 64: Bernstein coefficients have errors of at most 4.6 EPSILON, and
+coefficients within 64 EPSILON of zero have errors of at most 1.2 EPSILON.
 """
 
 DEEPEST_HALVING = 50
@@ -26,7 +26,7 @@ SMALLEST = 2.0**-1022
 """Smallest normal double."""
 
 LEAST_POWER = -(2**20)
-"""An exponent below that of any coefficient, as the start of a maximum."""
+"""Initial value of a search for the largest exponent of two: every coefficient has a larger one."""
 
 CONVERGED = EPSILON / 1024
 """Newton's method ends if its next step is below this fraction of the root."""
@@ -35,7 +35,7 @@ NARROWEST = 2.0**-DEEPEST_HALVING
 """Width of the smallest part of a step, which is not halved again."""
 
 SURELY = 1.001
-"""Safety factor in comparisons of two sums. It covers the rounding errors of both sums."""
+"""Safety factor of the tests that one term of a sum exceeds the sum of all others. It covers the rounding errors."""
 
 UNFIT, TOO_MANY = -1, -2
 """Codes in place of the number of roots: coefficients that are not finite; more roots than the arrays can hold."""
@@ -47,12 +47,7 @@ state. It covers the rounding of this step and of the previous one.
 
 DENSE_ROUND_OFF = 64 * EPSILON
 """Rounding error of a dense output, relative to the variation of the function on a step. The weights of DOP853 leave
-5e-14 if the state changes by 1 (a pendulum, h = 1).
-"""
-
-CERTAINTY = 1.001
-"""Safety factor of the test that a function keeps its sign: its mean must exceed the sum of all other terms by this
-factor.
+an error of 5e-14 if the state changes by 1 (a pendulum, h = 1).
 """
 
 TAIL = 8.0
@@ -82,8 +77,8 @@ factor. Otherwise a ball that is below the floor by rounding would meet the floo
 """
 
 CLOSEST = 64 * 2.0**-52
-"""If changes of the motion by one event or surface follow each other within this fraction of the time, they accumulate,
-as the impacts of a ball that comes to rest.
+"""Resets or mode changes by one event or switching surface accumulate if their distance is below this fraction of the
+time. An example are the impacts of a ball that comes to rest.
 """
 
 NOISE_HALVES = 8.0
@@ -92,10 +87,10 @@ of the state.
 """
 
 MOST_BETWEEN_REVIEWS = 256
-"""Largest number of steps between two reviews if an event may end the motion. Steps after that event are discarded."""
+"""Largest number of steps between two searches for events if an event may end the run. Later steps are discarded."""
 
 FIRST_REVIEW = 4
-"""Number of steps before the first review if an event resets the state. Steps after the reset are discarded."""
+"""Number of steps before the first search for events if an event resets the state. Later steps are discarded."""
 
 RESTART_FACTOR = 2.0
 """After a reset an adaptive method starts with a step of this many times the interval between the last two resets,

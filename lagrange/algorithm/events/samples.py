@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.constants import RELATIVE_PERTURBATION, WIDEST_VECTOR
 from lagrange.algorithm.dense.block import COLUMNS, POLYNOMIAL, BlockSteps, gather, steps_in
-from lagrange.algorithm.events.constants import CERTAINTY, DENSE_ROUND_OFF, EPSILON, LARGEST_NOISE, NOISE, TAIL, TINY
+from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, EPSILON, LARGEST_NOISE, NOISE, SURELY, TAIL, TINY
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.decorators import Bundle, Stated, inline, procedure
 from lagrange.procedure.front.vocabulary import (
@@ -110,7 +110,7 @@ def keeps_sign(coefficients: Reals, noise: float) -> bool:
     for coefficient in coefficients[2:]:
         variation = variation + abs(coefficient)
     variation = variation + TAIL * magnitude(coefficients[-2], coefficients[-1]) + 4.0 * noise
-    return abs(coefficients[0]) > CERTAINTY * variation
+    return abs(coefficients[0]) > SURELY * variation
 
 
 @inline
@@ -175,7 +175,7 @@ SLOPE_AT = 0.5 - 12**-0.5
 """Fraction of the step at which s**2 (1 - s)**2 has its largest slope."""
 
 MISSED = 1 / 16 / (2 * SLOPE_AT * (1 - SLOPE_AT) * (1 - 2 * SLOPE_AT))
-"""Largest value of s**2 (1 - s)**2, divided by its largest slope."""
+"""Largest value of s**2 (1 - s)**2, divided by its largest slope. It converts an error of slopes to one of states."""
 
 SAFELY = 4.0
 """Safety factor of the estimated error of a cubic, in addition to the factor of four for all noise."""

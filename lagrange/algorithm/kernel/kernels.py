@@ -62,11 +62,7 @@ def prepare(
     array = out if parameters is None else parameters
     body = Body(p, program, Inputs(array, {}, names=names or {}, largest=prepared.largest), style)
     if parameters is not None:
-        known = {
-            instruction.place: ref
-            for ref, instruction in enumerate(program.instructions)
-            if instruction.op == "parameter"
-        }
+        known = {code.place: ref for ref, code in enumerate(program.instructions) if code.op == "parameter"}
         for k in range(program.parameters):
             out[k] = body.value(known[k]) if k in known else parameters[k]
     body.run(range(program.hoisted))
@@ -140,12 +136,10 @@ def kernel_through_values(program: Program, prepared: PreparedLayout, by_value: 
     held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))
     state = [y[i] for i in range(program.states)]
     *results, singular = p.call(by_value, t, *state, held)
-    values, index = iter(results), 0
-    for block in program.results:
-        for ref in program.part(block.name):
-            value = next(values) if block.name in program.returned else state[program.instructions[ref].place]
-            out[index] = value
-            index += 1
+    values = iter(results)
+    outputs = [(block.name, ref) for block in program.results for ref in program.part(block.name)]
+    for index, (name, ref) in enumerate(outputs):
+        out[index] = next(values) if name in program.returned else state[program.instructions[ref].place]
     p.leave(singular)
     return p.finish(FLAG)
 

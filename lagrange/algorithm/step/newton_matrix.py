@@ -101,7 +101,7 @@ def build_matrix(arguments: Running, t: float, h: float, *, layout: Layout, solv
         newton.differentiated = 1
     identity = table(vectors, terms.identity)
     matrix.fill(identity, [(r, s, table(vectors, factors)) for (r, s), factors in terms.blocks.items()])
-    is_singular = matrix.invert(solve.unknowns)
+    is_singular = invert_matrix(matrix.entries, matrix.pivots, n=solve.unknowns)
     for column in range(solve.unknowns):
         for i in range(solve.solve.count):
             row = matrix.entries[column * solve.stride + i * solve.length :]
@@ -163,11 +163,6 @@ class Matrix:
         return self.derivative[(column + s * length) * self.layout.rows + r * length :]
 
     @inline
-    def invert(self, order: int) -> bool:
-        """Invert the matrix of size `order` in `entries` in place. Return True if it is singular."""
-        return invert_matrix(self.entries, self.pivots, n=order)
-
-    @inline
     def keep(self, row: In, target: Out) -> None:
         """Copy a part of a row of the inverse to `target`, padded with zeros to whole blocks.
 
@@ -213,7 +208,7 @@ class Matrix:
                     for b in range(length):
                         index = (i * length + a) * row_stride(order) + j * length + b
                         self.entries[index] = self.line(b, r, s)[a]
-        return self.invert(order)
+        return invert_matrix(self.entries, self.pivots, n=order)
 
     @inline
     def write_damper(self, factor: float, target: Out) -> None:
@@ -223,7 +218,7 @@ class Matrix:
             row, line = self.entries[b * stride :], self.line(b, 0, 0)
             for a in each(solve.width, spill=True, disjoint=True):
                 row[a] = fma(-factor, line[a], 1.0 if a == b else 0.0)
-        self.invert(length)
+        invert_matrix(self.entries, self.pivots, n=length)
         for b in range(length):
             self.keep(self.entries[b * stride :], target[b * solve.width :])
 

@@ -12,14 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.events.constants import JUMP, MOST_COEFFICIENTS, POLYNOMIAL_NOISE, SURELY
 from lagrange.algorithm.events.polynomial import PADDED, approach, inverse_cubic, is_plain, is_plain_step, pad
 from lagrange.algorithm.events.roots import sign_of
 from lagrange.algorithm.step.memory import FUNCTION
 from lagrange.algorithm.taylor.memory import EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE, TaylorLayout, work_type
 from lagrange.algorithm.taylor.watched_functions import COLUMN, TERM_SUMS, Watched, WatchedView, watched_type
-from lagrange.procedure.form import PARTIAL, Array
+from lagrange.procedure.form import PARTIAL
 from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
@@ -52,12 +51,7 @@ DOUBT = 64 * 2.0**-52
 """A coefficient of an event function is zero if it is below this fraction of the sum of all coefficients."""
 
 
-@procedure(
-    noinline=True,
-    function=lambda: FUNCTION,
-    noise=lambda: Array(room=WIDEST_VECTOR),
-    moved=lambda: Array(room=WIDEST_VECTOR),
-)
+@procedure(noinline=True, function=lambda: FUNCTION, noise=work_type, moved=work_type)
 def event_noise(
     function: Callable[..., bool],
     numbers: In,

@@ -35,11 +35,10 @@ LOWEST_ORDER = 4
 """Lowest order of a Taylor series for steps."""
 
 RADIUS_FRACTION = -1.0
-"""log2 of the largest step as a fraction of the estimated radius of convergence. The bound holds even if the last rows
-are tiny: far from a wall exp(200 (x - 1)) the rows are below all tolerances, and only their growth shows the wall.
-There is no such bound for systems with constraints and without such functions. At a crossing of two motions, a
-violation e of the constraints, from rounding, is a term like e / t in the time t to the crossing. The rows then grow
-with the radius t from below rounding. Steps of half of that radius would never pass the crossing.
+"""Binary logarithm of the largest step as a fraction of the estimated radius of convergence. Far from a wall exp(200 (x
+- 1)) the last rows are below all tolerances, and only the radius shows the wall. Systems with constraints and without
+such functions have no bound. Near a crossing of two motions, a violation e of the constraints by rounding is a term
+like e / t in the time t to the crossing. It gives the radius t, and steps of half of t would never pass the crossing.
 """
 
 ROW_DISTANCE = 4
@@ -270,7 +269,7 @@ def layout_of(sizes: Sizes) -> Any:
 
 
 def work_type() -> Array:
-    """Return the type of a procedure's parameter that is a work array."""
+    """Return the type of an array that is accessed in whole vectors, also beyond its end, such as the work array."""
     return Array(room=WIDEST_VECTOR)
 
 
@@ -297,7 +296,7 @@ def row(work: Any, k: int, layout: Any) -> Any:
 
 @inline
 def less(order: int, count: int) -> int:
-    """Return order - count, for an order of at least 4. `count` is at least 1 and known at compile time."""
+    """Return order - count, but at least 1. `count` is known at compile time, and the order is at least 4."""
     return max(order - count, 1) if count > 1 else order - count
 
 

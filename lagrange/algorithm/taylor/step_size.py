@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from lagrange.algorithm.constants import LEAST_FLOOR, WIDEST_VECTOR
+from lagrange.algorithm.constants import LEAST_FLOOR
 from lagrange.algorithm.step.memory import FUNCTION, Counts, Run
 from lagrange.algorithm.taylor.event_series import event_noise
 from lagrange.algorithm.taylor.memory import (
@@ -42,7 +42,6 @@ from lagrange.algorithm.taylor.memory import (
     work_type,
 )
 from lagrange.algorithm.taylor.sums import horner, state_on_step
-from lagrange.procedure.form import Array
 from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
@@ -428,18 +427,13 @@ VERIFIED_HALVINGS = 60
 """Largest number of halvings of a step until the series of the watched functions agree with the functions."""
 
 
-def state_type() -> Array:
-    """Return the type of an array parameter that is accessed in whole vectors, also beyond its last entry."""
-    return Array(room=WIDEST_VECTOR)
-
-
 @procedure(
     noinline=True,
     function=lambda: FUNCTION,
-    end_values=state_type,
-    end_noise=state_type,
-    state=state_type,
-    moved=state_type,
+    end_values=work_type,
+    end_noise=work_type,
+    state=work_type,
+    moved=work_type,
     work=work_type,
 )
 def verified_step(

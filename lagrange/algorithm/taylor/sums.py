@@ -17,7 +17,6 @@ from lagrange.algorithm.taylor.memory import (
     rows_type,
     work_type,
 )
-from lagrange.procedure.form import Array
 from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, magnitude, quotient, reals
 
@@ -129,7 +128,7 @@ def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorL
         slopes[i] = fma(slope, s, total) * longer
 
 
-@procedure(noinline=True, to=lambda: Array(room=WIDEST_VECTOR), work=work_type)
+@procedure(noinline=True, to=work_type, work=work_type)
 def state_on_step(s: float, to: Out, sizes: Sizes, work: Out, order: int) -> None:
     """Write the state at the time s after the start of a step, in units of the time scale, to `to`.
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.constants import RELATIVE_PERTURBATION, perturbation_factors
-from lagrange.algorithm.events.constants import CERTAINTY, DENSE_ROUND_OFF, NOISE, TAIL
+from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, NOISE, SURELY, TAIL
 from lagrange.algorithm.events.samples import COARSE, DEGREE, nodes, to_chebyshev
 from lagrange.machine.backend import Kernel, Places
 from lagrange.trajectory.trajectory import FloatArray
@@ -179,7 +179,7 @@ def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
     """
     sizes = np.abs(chebyshev)
     tail = sizes[..., 1:].sum(axis=-1) + TAIL * sizes[..., -2:].max(axis=-1) + 4 * noise
-    return np.asarray(sizes[..., 0] > CERTAINTY * tail)
+    return np.asarray(sizes[..., 0] > SURELY * tail)
 
 
 def state_noise(
