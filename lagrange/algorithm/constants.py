@@ -1,8 +1,6 @@
 """Constants on which all loops over steps agree, on every machine: outcomes, block sizes, and numbers of step control.
 
 Safety factor and growth limits, which a method may choose, are in lagrange/program/step_size_control.py.
-Source of `PI_SHARE`, `LEAST_PREVIOUS` and `DAMPING`: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
-Equations I, 2nd ed., 1993, II.4 and II.10, and its programs DOPRI5 and DOP853.
 """
 
 from __future__ import annotations
@@ -86,8 +84,8 @@ RELATIVE_PERTURBATION = 2.0**-26
 """Relative perturbation of the state for estimating sensitivities: the square root of the unit of round-off."""
 
 SLOPE_NOISE = 2.0**-44
-"""Relative rounding error of a slope, as a fraction of its sensitivity, over the natural period. Slopes are rounded to
-a few units of 2**-52 of their terms.
+"""Rounding error of an acceleration whose terms cancel, as a fraction of its sensitivity to the state. Slopes are
+rounded to a few units of 2**-52 of their terms.
 """
 
 FIRST_TRIAL, DEFAULT_FIRST = 2.0**-20, 1e-3

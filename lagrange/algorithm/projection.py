@@ -78,7 +78,6 @@ def project(
     move = reals(whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND, room=block)
     has_moved = False
     for _ in range(PROJECTION_CORRECTIONS):
-        # With a singular matrix the state is unchanged: the next evaluation meets the same matrix, and reports it.
         if unlikely(corrections(t, state, numbers, move)):
             return Outcome.DONE, has_moved
         violation, left = move[dimension], move[dimension + 1]
@@ -107,7 +106,6 @@ def starts_on_constraints(
     reports the matrix.
     """
     move = reals(dimension + 3 + MOST_WRITTEN_BEYOND)
-    # A matrix that is singular here is singular in the first step, which reports it.
     if corrections(t, state, numbers, move):
         return True
     if not relations:

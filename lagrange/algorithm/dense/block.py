@@ -40,7 +40,9 @@ singular matrix, or -1.
 """
 
 INVERT = Callee((WHOLE, WHOLE, Array(), Array()), ())
-"""Type of a function that inverts one matrix for each column of a block of steps, such as `invert_columns`."""
+"""Type of `invert_columns`, which inverts one matrix for each column of a block of steps. Arguments: the size of the
+matrices, the number of columns, the matrices with their inverses, and one row of work memory.
+"""
 
 POLYNOMIAL = Callee((READ, WHOLE, READ, READ, Array(), Array()), ())
 """Type of a function that writes the polynomials of a block of steps, for any kind of path. Arguments: data that the
@@ -89,7 +91,7 @@ class StepPolynomial:
 
 
 SPARE = WorkSize(vectors=2, rows=1)
-"""Size of the work memory at the beginning, used for columns with a singular mass matrix."""
+"""Size of the first part of the work memory. If a mass matrix is singular, `slopes` evaluates single columns there."""
 
 
 def block_size(dimension: int, columns: int) -> int:
@@ -294,7 +296,7 @@ def parabola(dimension: int, columns: int, degree: int, y: In, new: In, first: I
 
 
 CHUNK = 256
-"""Largest number of times on one step that are evaluated together."""
+"""Largest number of output times on a step at which its polynomial is evaluated by one call."""
 
 READ_BLOCKS, BLOCKS = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VECTOR)
 

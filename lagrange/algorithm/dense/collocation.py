@@ -35,7 +35,7 @@ rounding.
 """
 
 SETTLED = 1e-14
-"""Stages have converged if a correction is below this fraction of the state."""
+"""The stages of a step have converged if their Newton correction is below this fraction of the state."""
 
 INCREMENTS, JOINED = WorkSize(vectors=4, rows=3), WorkSize(vectors=4, rows=3)
 ROOM = WorkSize(*(sum(counts) for counts in zip(JOINED, SPARE, INCREMENTS, strict=True)))

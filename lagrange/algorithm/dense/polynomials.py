@@ -43,7 +43,7 @@ ROOM = WorkSize(vectors=5, rows=4)
 
 @cache
 def hermite_polynomial(order: int) -> StepPolynomial:
-    """Return the dense output of an `order` by Hermite's cubic, of order 3, and Picard's iteration.
+    """Return dense output of order `order`: Hermite's cubic for order 3, else Picard's iteration from this cubic.
 
     The degree is one more than the order. The table has the inner nodes; the matrix from changes of slopes to changes
     of states at the nodes; and, by powers of theta, the contribution of each change of slope to the path.
@@ -239,7 +239,7 @@ def weights(count: int) -> FloatArray:
     """Return for each node the contribution of a slope of 1 at the node to the path, by powers of theta.
 
     The shape is (count, count + 2). A contribution is the integral of the node's Lagrange polynomial, minus a
-    cubic by which it becomes zero at theta = 1.
+    cubic, so that it is zero at theta = 1.
     """
     points = nodes(count)
     shares = np.zeros((count, count + 2))

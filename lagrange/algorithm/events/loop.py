@@ -47,7 +47,7 @@ the run, work memory, the number of trial steps, and the arrays for times and st
 """
 
 MOST_WAITING = 1024
-"""Largest number of steps between reviews. Their times and states are stored until the review."""
+"""Largest number of steps between two searches for events. Their times and states are stored until the search."""
 
 NEEDS_REVIEW, READ_EVENTS = 16, 17
 """Codes in addition to those of `Outcome`. NEEDS_REVIEW: a step is irregular, and the caller must search it.

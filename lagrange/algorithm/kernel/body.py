@@ -112,7 +112,7 @@ CONDITIONS = frozenset(op for op, signatures in OPERATIONS.items() if signatures
 """Names of operations whose result is true or false."""
 
 MOSTLY_ZERO = 4
-"""Ratio of all entries of a triangle to the nonzero ones, above which a loop first sets all entries to zero."""
+"""If less than one in this number of entries of a triangle is nonzero, a loop first sets all entries to zero."""
 
 
 @dataclass(frozen=True)
@@ -182,12 +182,12 @@ class Body:
         """Numbers of the instructions that compute a sine or a cosine, by instruction."""
         self.vectors: dict[int, list[Real]] = {}
         self.later: dict[int, list[tuple[Memory, int]]] = {}
-        """Solutions in memory, whose entries are read at their use."""
+        """Memory and index of each entry of a solution, by solve instruction. Entries are read where they are used."""
         self.rows: dict[int, Memory] = {}
         """Right-hand sides in adjacent columns of memory, by the first solve of their group."""
         self.factors: dict[int, FactoredMatrix] = {}
         self.tested: dict[int, None] = {}
-        """Factors whose pivots have been tested once for all their systems, without pivoting."""
+        """Factor instructions whose pivots the code has already tested, if the style has no pivoting."""
         self.singular: Variable | None = None
         """Flag of a singular matrix; None before the first matrix."""
 

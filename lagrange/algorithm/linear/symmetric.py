@@ -131,9 +131,8 @@ def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], l
     """Write a scale factor for each row, and the column of the same index, of a symmetric matrix to `scales`.
 
     a is its lower triangle within a `band`. Scaled diagonal entries are 1, except in rows with an entry above
-    `INDEFINITE`. Rows with a zero diagonal entry, of constraints or of coordinates without inertia, are scaled
-    by their largest entry. `largest` is work memory. Return NaN if an entry of the matrix is not finite, else
-    0.
+    `INDEFINITE`. Rows with a zero diagonal entry, of constraints or of coordinates without inertia, are scaled by
+    their largest entry. `largest` is work memory. Return NaN if an entry of the matrix is not finite, else 0.
     """
     for i in range(n):
         inertia = abs(a[i * band + i])
@@ -163,8 +162,7 @@ def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], l
 def largest_in_rows(n: int, band: int, a: Readable[float], scales: Readable[float], largest: Writable[float]) -> float:
     """Write the largest magnitude in each row of a matrix to `largest`, with columns scaled by `scales`.
 
-    a is the lower triangle of the symmetric matrix within a `band`. Return NaN if an entry is not finite, else
-    0.
+    a is the lower triangle of the symmetric matrix within a `band`. Return NaN if an entry is not finite, else 0.
     """
     nothing = 0.0
     for i in range(n):
@@ -206,8 +204,8 @@ def solve_pivoted(n: int, band: int, factors: In, b: Out) -> None:
 
 
 PIVOT_BESIDE_MULTIPLIERS = 2.0**-10
-"""Least pivot, relative to its terms, that elimination in a given order accepts in systems with multipliers. With it at
-most three digits are lost. For definite matrices no digits are lost with any pivot.
+"""Least pivot, relative to its terms, that elimination in a given order accepts in systems with multipliers. Larger
+pivots lose at most three digits. For definite matrices no digits are lost with any pivot.
 """
 
 
@@ -218,8 +216,7 @@ RESIDUAL = 2.0**-40
 def least_pivot(negative: Sequence[int]) -> float:
     """Return the smallest pivot that is accepted, relative to the sizes of the terms whose sum it is.
 
-    `negative` are the indices of negative pivots, which belong to multipliers. `negative` is empty without
-    multipliers.
+    `negative` are the indices of negative pivots, which belong to multipliers; it may be empty.
     """
     return PIVOT_BESIDE_MULTIPLIERS if negative else PIVOT
 

@@ -354,9 +354,9 @@ def observe(job: MemberJob, member: Member, t: float, results: Out, index: int, 
 def without_sizes(outcome: int, member: Member, method: MemberMethod) -> int:
     """Return the outcome of a step, with PAUSED in place of UNSCALED if the run can continue without sizes.
 
-    UNSCALED asks for estimates of the sizes of the state's entries. They would only raise the absolute
-    tolerances, so without them steps are at most shorter. A run ends if it cannot begin without sizes, or if an
-    entry may be rounding noise: its steps would shrink to nothing.
+    UNSCALED asks for estimates of the sizes of the state's entries. Estimates only raise the absolute
+    tolerances: without estimates, steps are at most shorter. A run ends if it cannot begin without sizes, or if
+    an entry may be rounding noise: its steps would shrink to nothing.
     """
     counts = member.counts
     is_asked = outcome == Outcome.UNSCALED and counts.steps > 0 and counts.surveyed < MOST_SURVEYS

@@ -181,8 +181,8 @@ class MemberStepPath:
 def law_of_column(_columns: int, t: In, q: In, _v: In, numbers: In, out: Out, *, law: Procedure) -> int:
     """Write the right-hand side `law` at one state to `out`. Return 0 if a matrix is singular, else -1.
 
-    The procedure has the form of a function of several columns, with one column. t has the time, and q the whole
-    state [q, v]; `_v` is not used.
+    The arguments are those of a function of several columns, for one column. t has the time, and q the whole state
+    [q, v]; `_v` is not used.
     """
     return int(generated(law, t[0], q, numbers, out)) - 1
 
@@ -531,8 +531,8 @@ def raised(step: ExpressionOnStep, sign: float, before: float, samples: In, poin
         is_inner = b >= a and b >= c
         is_first, is_last = j == 1 and a > b, j == SAMPLE_POINTS - 2 and c > b
         left, right = points[j] - points[j - 1], points[j + 1] - points[j]
-        # The slope of an expression is taken to be at most twice that from point to point. This holds for a parabola
-        # and for |x|.
+        # Assume that the slope of an expression is at most twice the slope between neighbouring points. A parabola
+        # and |x| satisfy this.
         steep = magnitude((b - a) / left, (c - b) / right) * 2.0
         highest = larger(a + b + steep * left, b + c + steep * right) * 0.5
         if unlikely((is_inner or is_first or is_last) and highest - best > RISE * abs(best)):

@@ -102,7 +102,7 @@ class MemberFunctions:
     def law(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
         """Write the right-hand side at one state to `out`. Return 0 if its mass matrix is singular, else -1.
 
-        The method has the form of a function of several columns, with one column. t has the time, q the whole state [q,
+        The arguments are those of a function of several columns, for one column. t has the time, q the whole state [q,
         v], and `numbers` are the parameters and all values that depend only on them; v is not used.
         """
         failed: int = generated(self.dense.column, columns, t, q, v, numbers, out)

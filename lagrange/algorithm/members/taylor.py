@@ -82,7 +82,7 @@ class SearchMemory:
     watched: Watched
     seen: WholesOut
     taken: WholesOut
-    """Number of events that are copied to the results, one entry."""
+    """Number of events already copied to the results, in an array of one entry."""
 
 
 class EventSearch:
@@ -242,7 +242,8 @@ class TaylorMembers(MemberMethod):
         before = counts.steps
         outcome: int = iteration(loop_arguments, last, -logarithm(job.rtol), layout=self.layout)
         if self.reductions is not None:
-            # Sample the last step while its series is in memory; commit the one before if it is proven.
+            # Accept the previous step if the defect test has confirmed it. Sample the last step while its series is in
+            # memory.
             if counts.steps > before:
                 self.reductions.accept(member.reduced)
             if method_memory.held.unproven != 0:

@@ -145,7 +145,7 @@ class SeriesNumbers:
 
 
 INVERSE_MARGIN = 8
-"""Number of vectors that may be read beyond the end of a constant inverse."""
+"""Number of doubles after the end of a constant inverse that vector loads may read."""
 
 ALONE = Style(substituted=1_000_000, systems=1, early=False)
 """Style in which each system is solved alone and inputs are read at their use."""

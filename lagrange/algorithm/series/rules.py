@@ -224,8 +224,8 @@ _RULES: Mapping[str, Callable[[ChunkAt], Term]] = {
 
 
 LARGEST_STORED_BLOCK = 8
-"""Largest block in which an incomplete vector is stored, unless the vector is longer. Each block is half as long as the
-previous one, or shorter.
+"""Entries in the first block if only a part of a vector is stored; a longer vector begins with its own length. Further
+blocks have half as many entries, or fewer.
 """
 
 

@@ -1,8 +1,8 @@
 """Steps of any method but Taylor series: error norm, acceptance or rejection, and the length of the next step.
 
-The loops have the error norm, rejection, the next length, and the floors, which are the absolute tolerances of the
-entries of the state. Numbers of a method, such as the safety factor, are in lagrange/program/step_size_control.py.
-Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993, II.4.
+The floors are the absolute tolerances of the entries of the state. Numbers of a method, such as the safety factor, are
+in lagrange/program/step_size_control.py. Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
+Equations I, 2nd ed., 1993, II.4 and II.10, and its programs DOPRI5 and DOP853.
 
 Integrators for export are procedures for one step, and for a run to an end time. The functions of the system, such as
 the right-hand side, are parameters, which `lagrange.procedure.rewrite` replaces by procedures.
@@ -103,11 +103,11 @@ def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ..
 def reject(arguments: Running, cause: float, h: float, moved: bool, *, layout: Layout) -> bool:
     """Reject a trial step, and set the length of the next step to h. Return True if sizes must be estimated.
 
-    The run then stops, and the caller estimates the sizes of the entries of the state, from which absolute
-    tolerances follow. `cause` is the `Outcome` of the trial. Sizes are needed after several consecutive rejections,
-    or if an entry has no size yet. If the trial `moved` the state, an entry that stayed zero does not count. Sizes
-    are also needed at the first, second, fourth, eighth, ... rejection if the entry with the largest error may be
-    the rounding of larger entries, as defined at `ROUNDED`.
+    If so, the run stops, and the caller estimates the sizes of the state's entries, from which absolute tolerances
+    follow. `cause` is the `Outcome` of the trial. Sizes are needed after several consecutive rejections, or if an
+    entry has no size yet. If the trial `moved` the state, an entry that stayed zero does not count. Sizes are also
+    needed at the first, second, fourth, eighth, ... rejection if the entry with the largest error may be rounding of
+    larger entries (`ROUNDED`).
     """
     run, counts, floors, work = arguments.run, arguments.counts, arguments.floors, arguments.work
     run.cause = cause

@@ -44,7 +44,7 @@ the squared rate of the others, the sizes of the entries are estimated.
 
 LEAST_FIRST = 2.0**-44
 """Least absolute tolerance (floor) of an entry of the state that is zero, as a fraction of its change in the first
-step. Newton's method has to converge to an error below the tolerance.
+step. It is positive because Newton's method has to converge to an error below the tolerance.
 """
 
 LEAST_SPACINGS = 64.0

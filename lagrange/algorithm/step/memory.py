@@ -269,7 +269,7 @@ class Running:
     floors              The absolute tolerance of each entry of the state, (dimension,).
     effort              The work for one step.
     newtons             The state of Newton's method, for each solution of implicit equations.
-    starters            The same for the step that starts a two-step method.
+    starters            The state of Newton's method for the step that starts a two-step method.
     work                The vectors of the step and the data of its implicit equations; see `Layout`.
     projection          The function that computes corrections onto constraints; None without constraints.
     projection_numbers  The parameters of the projection.

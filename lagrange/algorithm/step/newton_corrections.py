@@ -27,7 +27,7 @@ from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Writable, each, fma, larger, smaller, unrolled
 
 MATRIX_AGE = 3
-"""Number of corrections of one step, or of steps, after which a matrix may be rebuilt."""
+"""A matrix may be rebuilt after this number of corrections in one step, or after this number of steps."""
 
 ROUND_OFF_FRACTION = 2.0**-6
 """Largest error of an unknown after a fixed step, as a fraction of its rounding error. The remainder has the same sign
@@ -237,7 +237,7 @@ def keep_unknowns(newton: Newton, work: Out, *, layout: Layout, solve: SolveLayo
 
 @inline
 def update_differences(differences: tuple[Writable[float], ...], value: float, i: int) -> list[float]:
-    """Replace the backward differences of unknown i by those with its new `value`. Return errors of guesses.
+    """Update the backward differences of unknown i with its new `value`. Return errors of guesses.
 
     There is a guess for each of the `ORDERS`, by extrapolation from the previous steps. The error of a guess is its
     distance from `value`.
