@@ -26,22 +26,12 @@ from lagrange.machine.llvm.address import workspace
 from lagrange.machine.state import OUTCOMES, DriverState, Outcome, Outputs, Reaction, StepFunction
 from lagrange.procedure.form import Record
 from lagrange.program.program import Program
-from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
 
 TAYLOR_EVENT_ROOM = 4096
 """Least number of events that the memory holds before the loop returns. The memory is large enough for all events of
 one step.
 """
-
-
-def idle(program: SeriesProgram) -> EventMemory:
-    """Return the memory of a Taylor run without a search for events.
-
-    With this memory the loop over steps returns before each step that may cross a switching surface.
-    """
-    events = len(program.watched) - program.sides
-    return EventMemory(program.states, program.sides, [Reaction()] * events)
 
 
 @lru_cache(maxsize=64)
@@ -412,7 +402,10 @@ class SeriesDriver:
         if state is not self._state:
             self._state = state
             if self._memory is None and self._code.layout.watched:
-                self.watch(idle(self._code.program))
+                # Without a search for events the loop returns before each step that may cross a switching surface.
+                program = self._code.program
+                reactions = [Reaction()] * (len(program.watched) - program.sides)
+                self.watch(EventMemory(program.states, program.sides, reactions))
             self._call.give(**state.records(), taylor=state.taylor)
         if state.outputs is not self._outputs:
             outputs = self._outputs = state.outputs

@@ -139,19 +139,18 @@ class LlvmDense:
         procedure by name; it writes its results to them. The procedure serves all kinds of steps, and is compiled
         once per process.
         """
-        n = self.dimension
+        n, columns = self.dimension, polynomial.columns
         values = {
             "polynomial": polynomial.function,
             "given": polynomial.context,
             "dimension": n,
             "degree": self.degree,
-            "columns": polynomial.columns,
+            "columns": columns,
             "both": int(polynomial.both),
             "steps": len(times) - 1,
             "times": np.ascontiguousarray(times),
             "states": np.ascontiguousarray(states),
-            "step_data": np.zeros(block_size(n, polynomial.columns) + WIDEST_VECTOR),
-            "neighbours": np.zeros(block_size(n, polynomial.columns) + WIDEST_VECTOR),
+            **{name: np.zeros(block_size(n, columns) + WIDEST_VECTOR) for name in ("step_data", "neighbours")},
             "work": workspace(polynomial.work),
             **arguments,
         }

@@ -177,7 +177,6 @@ class _PythonPrinter(SourcePrinter):
 
 Printer = _PythonPrinter
 
-
 AT_ONCE: Mapping[str, Callable[..., Any]] = {
     "select": np.where,
     "and": np.logical_and,

@@ -242,7 +242,7 @@ class StepEventMemory:
         self.review: Any = REVIEW.structure(room=STEP_EVENT_ROOM + MOST_ZEROS)
         self.times = np.zeros(MOST_WAITING + 4)
         self.states = np.empty((MOST_WAITING + 4 + WIDEST_VECTOR, size))
-        self.sign, self.near, self.remaining, self.arrivals, self.until_end = np.zeros((5, events), dtype=np.int64)
+        self.sign, self.near, self.remaining, self.arrivals = np.zeros((4, events), dtype=np.int64)
         self.zero_sizes = np.zeros(events)
         self.direction = np.array([r.direction for r in reactions], dtype=np.int64)
         self.which = np.empty(STEP_EVENT_ROOM + MOST_ZEROS, dtype=np.int64)

@@ -50,11 +50,6 @@ class Record:
     fields: tuple[tuple[str, Kind], ...]
     lanes: int = 1
 
-    @classmethod
-    def of(cls, name: str, **fields: Kind) -> Record:
-        """Return a record with these fields, each a real or a whole."""
-        return cls(name, tuple(fields.items()))
-
     @cached_property
     def places(self) -> Mapping[str, int]:
         """The index of each field, by the name of the field."""

@@ -326,16 +326,14 @@ class _Rewriter(Visitor, MemberStatements):
     def local(self, local: form.Reserve | form.ReserveRecord | form.Part) -> None:
         """Rewrite the allocation of a local array or record, or a part of an array, for all members."""
         ref = self.new()
+        new = MemberMemory(ref, varying=True, level=self.level)
         match local:
             case form.Reserve(array=array):
-                self.types[local.ref], self.memory[local.ref] = array, MemberMemory(ref, varying=True, level=self.level)
+                self.types[local.ref], self.memory[local.ref] = array, new
                 room = ((array.size or 0) + (array.room if array.room > 1 else 0)) * self.lanes
                 self.out.append(form.Reserve(ref, Array(array.kind, room)))
             case form.ReserveRecord(record=record):
-                self.types[local.ref], self.memory[local.ref] = (
-                    record,
-                    MemberMemory(ref, varying=True, level=self.level),
-                )
+                self.types[local.ref], self.memory[local.ref] = record, new
                 self.out.append(form.ReserveRecord(ref, replace(record, lanes=self.lanes)))
             case form.Part(array=array, start=start):
                 self.types[local.ref], held, offset = self.types[array], self.memory[array], self.values[start]

@@ -82,7 +82,7 @@ class Flag(Value):
 
     @staticmethod
     def of(value: Any) -> Flag:
-        """Return `value` if it is a flag. Raises LagrangeError for a value of another kind."""
+        """Return `value`, which must be a flag, with its exact type."""
         assert isinstance(value, Flag)
         return value
 
@@ -178,11 +178,11 @@ class RecordFields:
         object.__setattr__(self, "ref", ref)
 
     def __getattr__(self, name: str) -> Any:
-        kind = self._checked(name)
+        kind = self.kind_of(name)
         return self._builder.made(kind, lambda ref: form.Read(ref, kind, self.ref, name))
 
     def __setattr__(self, name: str, value: Any) -> None:
-        kind = self._checked(name)
+        kind = self.kind_of(name)
         self._builder.add(form.Write(self.ref, name, self._builder.operand(value, kind)))
 
     def names(self) -> tuple[str, ...]:
@@ -191,10 +191,7 @@ class RecordFields:
         return tuple(record.places)
 
     def kind_of(self, name: str) -> Kind:
-        """Return the kind of a field."""
-        return self._checked(name)
-
-    def _checked(self, name: str) -> Kind:
+        """Return the kind of a field. Raises LagrangeError if the record has no such field."""
         record: Record = self.__dict__["_record"]
         if name not in record.places:
             raise LagrangeError(f"the record {record.name} has no field {name}: it has {', '.join(record.places)}.")

@@ -417,10 +417,7 @@ def _atan2(b: RecurrenceBuilder, node: Node) -> int:
     """Return the index of the series value u = atan2(y, x), by (x**2 + y**2) u' = x y' - y x'."""
     y, x = node.args
     w = b.value(x**2 + y**2)
-    terms = []
-    for a, other, sign in ((y, x, 1), (x, y, -1)):
-        if a.binding > Binding.PARAMETER:
-            terms.append(_swept(b, a, other, sign))
+    terms = [_swept(b, a, other, sign) for a, other, sign in ((y, x, 1), (x, y, -1)) if a.binding > Binding.PARAMETER]
     area = (
         terms[0] if len(terms) == 1 else b.add(SeriesRule("linear", tuple(terms), (b.constant(1),) * len(terms)), None)
     )

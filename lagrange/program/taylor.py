@@ -289,9 +289,7 @@ class _Assembly:
         if not terms:
             return None
         node = graph.sum(terms)
-        if len(terms) == 1:
-            return self.builder.value(node)
-        return self.builder.linear(terms, node)
+        return self.builder.value(node) if len(terms) == 1 else self.builder.linear(terms, node)
 
     @property
     def cost(self) -> tuple[int, int]:

@@ -37,7 +37,7 @@ from lagrange.system import System
 from tests.models import x
 from tests.series_systems import HELD, LARGER
 
-CLOCK = Record.of("Clock", t=REAL, steps=WHOLE)
+CLOCK = Record("Clock", (("t", REAL), ("steps", WHOLE)))
 
 
 def gcd() -> Procedure:

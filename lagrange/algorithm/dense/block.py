@@ -233,13 +233,14 @@ class PolynomialBlock:
         slopes(self.law, self.parameters, self.dimension, self.columns, t, y, self.work, out)
 
 
-READ_STEPS, WRITTEN = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VECTOR)
+READ_BLOCKS, BLOCKS = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VECTOR)
+"""Types of arrays that are accessed in whole vectors, also beyond their ends: read only, and written."""
 
 
 def block_type() -> Bundle:
     """Return the type of a procedure's parameter of class `PolynomialBlock`: its arrays and callbacks."""
     functions = {"law": COLUMNS, "jacobian": COLUMNS, "invert": INVERT}
-    memory = {"step_data": READ_STEPS, "neighbours": READ_STEPS, "work": WRITTEN, "out": WRITTEN}
+    memory = {"step_data": READ_BLOCKS, "neighbours": READ_BLOCKS, "work": BLOCKS, "out": BLOCKS}
     return Bundle(PolynomialBlock, {**functions, **memory})
 
 
@@ -297,8 +298,6 @@ def parabola(dimension: int, columns: int, degree: int, y: In, new: In, first: I
 
 CHUNK = 256
 """Largest number of output times on a step at which its polynomial is evaluated by one call."""
-
-READ_BLOCKS, BLOCKS = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VECTOR)
 
 
 @procedure(theta=lambda: READ_BLOCKS, out=lambda: BLOCKS)

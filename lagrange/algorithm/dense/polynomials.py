@@ -50,8 +50,9 @@ def hermite_polynomial(order: int) -> StepPolynomial:
     """
     if order == 3:
         return StepPolynomial(hermite, ROOM, 3, 0, np.zeros(1), vectors=0)
-    inner = slice(1, -1)
-    parts = nodes(order)[inner], integrals(order)[inner, inner].ravel(), weights(order)[inner].T.ravel()
+    inner, contributions = slice(1, -1), weights(order)
+    integrals = np.asarray(nodes(order)[:, None] ** np.arange(order + 2) @ contributions.T)
+    parts = nodes(order)[inner], integrals[inner, inner].ravel(), contributions[inner].T.ravel()
     return StepPolynomial(hermite, ROOM, order + 1, order - 2, np.concatenate(parts), vectors=2 * (order - 2))
 
 
@@ -228,13 +229,11 @@ def write(block: PolynomialBlock, cubic: Cubic, changes: In) -> None:
                 coefficients[x] = weighted(coefficients[x], changes, total, x, line, 0, stages)
 
 
-@cache
 def nodes(count: int) -> FloatArray:
     """Return the `count` extrema of Chebyshev's polynomial of degree `count` - 1 on [0, 1], including both ends."""
     return np.asarray(np.sin(np.pi * np.arange(count) / (2 * (count - 1))) ** 2)
 
 
-@cache
 def weights(count: int) -> FloatArray:
     """Return for each node the contribution of a slope of 1 at the node to the path, by powers of theta.
 
@@ -250,13 +249,6 @@ def weights(count: int) -> FloatArray:
         share = integral - integral(1.0) * np.poly1d([-2.0, 3.0, 0.0, 0.0])
         shares[i, : len(share.coeffs)] = share.coeffs[::-1]
     return shares
-
-
-@cache
-def integrals(count: int) -> FloatArray:
-    """Return the matrix (count, count) that maps changes of slopes at the nodes to changes of states at the nodes."""
-    powers = nodes(count)[:, None] ** np.arange(count + 2)
-    return np.asarray(powers @ weights(count).T)
 
 
 STAGES_ROOM = WorkSize(vectors=2, rows=1)

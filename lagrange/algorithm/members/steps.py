@@ -90,14 +90,6 @@ class MemberFunctions:
     events: StepEvents
     dimension: int
 
-    def path(self, prefix: str) -> MemberStepPath:
-        """Return the dense output of steps. `prefix` is added to the names of its procedures."""
-        return MemberStepPath.of(self.dense.kind, self.dense.column, self.dimension, prefix)
-
-    def cubic(self) -> MemberStepPath:
-        """Return the dense output by cubics through the ends of steps, which exclude events on most steps."""
-        return MemberStepPath.of(hermite_polynomial(3), self.dense.column, self.dimension, "screen_")
-
     @inline
     def law(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
         """Write the right-hand side at one state to `out`. Return 0 if its mass matrix is singular, else -1.
@@ -163,8 +155,10 @@ def review_step(
     depend only on them, and `table` has the coefficients of the dense output. `factors` are near 1 and perturb the
     entries of a state, to estimate rounding errors.
     """
-    n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
-    path, cubic = functions.path("review_"), functions.cubic()
+    n, events, dense = functions.dimension, functions.events.count, functions.dense
+    degree, path = dense.kind.degree, MemberStepPath.of(dense.kind, dense.column, n, "review_")
+    # Cubics through the ends of steps exclude events on most steps.
+    cubic = MemberStepPath.of(hermite_polynomial(3), dense.column, n, "screen_")
     tables: Any = (numbers, table)
     work = reals(max(path.size, cubic.size), room=WIDEST_VECTOR)
     c, memory = reals((max(degree, 3) + 1) * n, room=WIDEST_VECTOR), reals(work_size(n, events, 1), room=WIDEST_VECTOR)

@@ -47,7 +47,7 @@ from lagrange.algorithm.series.rules import (
 from lagrange.algorithm.taylor.memory import LOWEST_ORDER, TaylorLayout
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
-from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.procedure.values import Flag, Real, Whole
 from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.series import SeriesProgram
 
@@ -65,9 +65,7 @@ class JetBuilder:
     (vector of values) at the present order. Inverses of mass matrices are written out up to the size `largest`.
     """
 
-    def __init__(
-        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = LARGEST_IN_LINE
-    ) -> None:
+    def __init__(self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int) -> None:
         self.packing, self.numbers, self.layout, self.largest = packing, numbers, layout, largest
         self.program: SeriesProgram = packing.program
         self.p = p = Builder(NAME, "Write the Taylor coefficients of a state. Return True if a matrix is singular.")
@@ -97,7 +95,8 @@ class JetBuilder:
         self.origin = dict(zip(program.started, values, strict=False))
         for i in range(program.states):
             self.origin.setdefault(i, self.y[i])
-        triangles, memory = iter(values[len(program.started) :]), self.matrices()
+        # The memory for matrices follows the rows of Taylor coefficients.
+        triangles, memory = iter(values[len(program.started) :]), self.rows.at((self.order + 1) * self.layout.width)
         flags = [start.failed]
         for stage, known in zip(program.stages, self.numbers.systems(p, self.prepared), strict=True):
             if known is None:
@@ -133,10 +132,6 @@ class JetBuilder:
         """Return the values of an operand at order 0, as a number or vector; None if all of them are zero."""
         zero = (None, 0)
         return joined(self.p, [zero if value == ZERO_LANE else (self.origin.get(value), 0) for value in operand.values])
-
-    def matrices(self) -> Memory:
-        """Return the memory for matrices, which follows the rows of Taylor coefficients."""
-        return self.rows.at((self.order + 1) * self.layout.width)
 
 
 def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:

@@ -23,7 +23,7 @@ from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.straight_lines import LARGEST_IN_PYTHON, StraightLines, fits
 from lagrange.machine.python_source import defined
 from lagrange.procedure.interpreter import OPERATIONS
-from lagrange.program.program import Program
+from lagrange.program.program import SYSTEMS, Program
 from lagrange.program.simplify import simplified
 from lagrange.statement.expression import DOUBLE
 from lagrange.statement.vocabulary.functions import ELEMENTARY
@@ -105,7 +105,7 @@ def printed(program: Program) -> str:
     Raises StatementError if a linear system is too large to be printed.
     """
     if not fits(program):
-        orders = max(instruction.order for instruction in program.instructions if instruction.op in ("factor", "solve"))
+        orders = max(instruction.order for instruction in program.instructions if instruction.op in SYSTEMS)
         raise StatementError(
             f"{program.name} solves a linear system of {orders} unknowns, and at most {LARGEST_IN_PYTHON} are printed "
             "as Python: call the model instead, or take model.interpreted(name).program."

@@ -23,7 +23,7 @@ from lagrange.procedure import form
 from lagrange.procedure.form import ANGLES, CONSTANT, FLAG, REAL, Procedure, Statement
 from lagrange.procedure.spelling import ATOM
 from lagrange.procedure.visit import FIELDS, operands, visits
-from lagrange.program.program import Program
+from lagrange.program.program import SYSTEMS, Program
 
 LARGEST_IN_PYTHON = 12
 """Largest matrix whose factors L D L^T are written out."""
@@ -45,11 +45,7 @@ UFUNCS: Mapping[str, str] = {
 
 def fits(program: Program) -> bool:
     """Return True if every linear system of a program is small enough to be written out."""
-    return all(
-        instruction.order <= LARGEST_IN_PYTHON
-        for instruction in program.instructions
-        if instruction.op in ("factor", "solve")
-    )
+    return all(code.order <= LARGEST_IN_PYTHON for code in program.instructions if code.op in SYSTEMS)
 
 
 class StraightLines:
@@ -132,6 +128,8 @@ class _Floats(Printer):
 
     operators = RAISING
     suffix, arguments = "", "t, y"
+    failure = "None"
+    """Text of the value that the inner function returns for a state that it cannot evaluate."""
 
     def __init__(self, procedure: Procedure) -> None:
         super().__init__(procedure)
@@ -198,26 +196,25 @@ class _Floats(Printer):
         self.refuse(singular)
         self.give(results)
 
-    def refuse(self, singular: int, failure: str = "None") -> None:
-        """Print an early return, taken if a pivot is too small.
+    def refuse(self, singular: int) -> None:
+        """Print an early return, taken if a pivot is too small; `singular` is the id of the flag for such a pivot.
 
-        `singular` is the id of the flag for such a pivot, and `failure` the text of the returned value. If the flag
-        depends only on parameters, the outer function returns None instead.
+        If the flag depends only on parameters, the outer function returns None instead.
         """
         if singular in self.fixed:
             if singular not in self.constants:
                 self.once += [f"if {self.text(singular)}:", "    return None"]
         else:
-            self.leave_if(self.condition(singular), failure)
+            self.leave_if(self.condition(singular))
 
     def condition(self, flag: int) -> str:
         """Return the text of the value with the id `flag`, a truth value, as a condition."""
         return self.text(flag)
 
-    def leave_if(self, condition: str, failure: str = "None") -> None:
+    def leave_if(self, condition: str) -> None:
         """Print an early return of `failure` from the inner function, taken if `condition` holds."""
         self.put(f"if {condition}:")
-        self.put(f"    return {failure}")
+        self.put(f"    return {self.failure}")
 
     def give(self, results: Sequence[int]) -> None:
         """Print the return of a tuple of results. `results` are the ids of their values."""
@@ -277,7 +274,7 @@ class _RowPrinter(_Floats):
     So there are few working rows: a block of states fits the cache, and few rows are copied.
     """
 
-    suffix, arguments = "_columns", "t, y, out, b"
+    suffix, arguments, failure = "_columns", "t, y, out, b", "False"
 
     def __init__(self, procedure: Procedure, *, half_angles: bool) -> None:
         super().__init__(procedure)
@@ -407,9 +404,6 @@ class _RowPrinter(_Floats):
 
     def condition(self, flag: int) -> str:
         return f"{self.text(flag)}.any()"
-
-    def refuse(self, singular: int, failure: str = "False") -> None:
-        super().refuse(singular, failure)
 
     def give(self, results: Sequence[int]) -> None:
         for k, ref in enumerate(results):

@@ -150,12 +150,9 @@ def reals(size: int, *, room: int = 1) -> Writable[float]:
     return array
 
 
-def wholes(size: int, *, room: int = 1) -> Writable[int]:
-    """Return a local array of `size` whole numbers with undefined values, 0 in Python.
-
-    Another `room` - 1 values follow, because machine code may access `room` values at once.
-    """
-    made: Any = np.zeros(size + room - 1, dtype=np.int64)
+def wholes(size: int) -> Writable[int]:
+    """Return a local array of `size` whole numbers with undefined values, 0 in Python."""
+    made: Any = np.zeros(size, dtype=np.int64)
     array: Writable[int] = made
     return array
 
