@@ -227,14 +227,9 @@ def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None
     `outputs` has the index of a value for each unknown, or None for zero. An operand whose values are all zero is
     None.
     """
-    known = dict(zip(stage.unknowns, outputs, strict=True))
-    lanes = [[known[value] for value in chunk.values] for chunk in chunks]
-    return tuple(
-        None
-        if all(value is None for value in values)
-        else Operand(tuple(ZERO_LANE if v is None else v for v in values))
-        for values in lanes
-    )
+    known = {value: ZERO_LANE if i is None else i for value, i in zip(stage.unknowns, outputs, strict=True)}
+    operands = (Operand(tuple(known[value] for value in chunk.values)) for chunk in chunks)
+    return tuple(None if all(i == ZERO_LANE for i in operand.values) else operand for operand in operands)
 
 
 class _Group(NamedTuple):
@@ -320,10 +315,7 @@ class _Packer:
         return rule
 
     def at(self, value: int) -> int:
-        """Return the position of a series value among the packed values.
-
-        A value that is not packed yet has a position after all packed ones.
-        """
+        """Return the position of a series value among the packed values. Values not packed yet come after these."""
         return self.position.get(value, len(self.program.rules) + value)
 
 

@@ -334,7 +334,7 @@ class Tracer(Names):
         if function is generated:
             return self.call_procedure(args[0], [leaf for arg in args[1:] for leaf in leaves(arg)])
         if isinstance(function, FunctionParameter):
-            self._outside_each(function)
+            self._outside_each("a function parameter")
             return function(*[leaf for arg in args for leaf in leaves(arg)])
         if isinstance(function, MethodType) and hasattr(function.__func__, "traced"):
             return function.__func__.traced(self, function.__self__, *args, **options)
@@ -367,7 +367,7 @@ class Tracer(Names):
         ]
         return self.p.call(callee, *passed)
 
-    def _outside_each(self, callee: Any) -> None:
+    def _outside_each(self, callee: str) -> None:
         if self.iterations is not None:
             raise Error(f"`each` cannot contain the call of {callee}: use `range`.")
 
