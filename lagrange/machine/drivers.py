@@ -29,17 +29,12 @@ from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
 
 TAYLOR_EVENT_ROOM = 4096
-"""Least number of events that the memory holds before the loop returns. The memory is large enough for all events of
-one step.
-"""
+"""Least number of events that the memory holds; it is large enough for all events of one step."""
 
 
 @lru_cache(maxsize=64)
 def _tilts(dimension: int) -> FloatArray:
-    """Return the factors (2n + 1,) near 1 by which the state and the time are multiplied to estimate rounding noise.
-
-    The noise of an event function is estimated from its change.
-    """
+    """Return factors (2n + 1,) near 1 that perturb the state and the time, to estimate the noise of event functions."""
     return np.asarray(1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1))
 
 
@@ -115,7 +110,7 @@ class EventMemory:
         """Store the sides (signs, 1.0 or -1.0) of the switching surfaces. Return the index of their block of numbers.
 
         The numbers of a series depend on the parameters and on the sides. The driver has one array for them, with a
-        block of `size` numbers for each combination of sides. Sides for which `combination` returns -1 use the first.
+        block of `size` numbers for each combination of sides. If `combination` returns -1, the first block is used.
         """
         self.record.combination = self.combination(sides)
         self.record.numbers = (1 + self.record.combination) * size
@@ -234,15 +229,12 @@ class StepDriver:
         for i, solve in enumerate(() if step.starter is None else layout.starting.solves):
             self._call.give(**{f"starters_{i}": self._record(NEWTON, layout.end + solve.flags)})
         self._budget: int | None = None
-        """The budget of calls without rows, None if the arguments of the loop may be others."""
+        """The budget that the loop has for calls without rows; None if its arguments may have changed."""
         self._state: DriverState | None = None
         self._function: StepFunction | None = None
 
     def _record(self, record: Record, index: int) -> Any:
-        """Return the record of type `record` that begins at index `index` of the driver's work array.
-
-        A record is a structure of named numbers. It shares memory with the array.
-        """
+        """Return the structure of type `record` that shares the driver's work array, from index `index` on."""
         memory: Any = self._work
         return record.structure.from_buffer(memory, 8 * index)
 
@@ -385,10 +377,7 @@ class SeriesDriver:
             self._call.give(resets=callback.function, reset_numbers=callback.numbers)
 
     def restart(self, state: DriverState) -> None:
-        """Set the carried rounding errors of the state to zero, because the state has jumped.
-
-        The loop carries them from step to step by compensated sums.
-        """
+        """Set the rounding errors of the state, which compensated sums add to the next step, to zero after a jump."""
         layout = self._code.layout
         self._work[layout.lost : layout.lost + layout.padded] = 0.0
         state.taylor.low = 0.0

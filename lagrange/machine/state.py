@@ -65,23 +65,13 @@ NO_OUTPUTS = Outputs(np.empty(0), 1)
 
 
 class DriverState:
-    """State of a run. Arrays are shared with machine code, with entries in the order of the constants below.
+    """State of a run. Its arrays are shared with machine code.
 
-    `reals`: T is the time and END the end time of the run. START and STEP define the grid of fixed steps. H is the
-    next step, signed, or 0 if it is to be chosen. LONGEST bounds the size of all steps. PREVIOUS is the error norm of
-    the last step. CAUSE is the `Outcome` for which the last trial was rejected. RESIDUAL is the size of the last
-    correction of an implicit step relative to its unknowns.
-
-    The tolerance of an entry of the state is RTOL times its size in the step, plus its floor. The floors (2n,),
-    padded to whole vectors of a machine, are the last `reals`. An accepted step raises a floor to SHARE times the
-    size of the entry. Floors stated by the user have a SHARE of 0 and are constant. Floors that follow the scale
-    begin at `LEAST_FLOOR`.
-
-    `counts`: STEPS accepted, REJECTED trials, EVALUATIONS of the right-hand side, and ROWS written, none unless
-    RECORD is 1. AFTER_REJECT counts the rejected trials directly before the present one. SLOPE_KNOWN is 1 if the
-    first slope of the next step is known. KEPT is 0 if data of former steps, such as a matrix or unknowns to
-    extrapolate, do not belong to this run. SURVEYED counts how often the driver returned for an estimate of sizes
-    (the outcome UNSCALED).
+    `reals` has the fields of `Run`, at the indices T to RESIDUAL, then the floors (2n,), padded to whole vectors of a
+    machine. `counts` has the fields of `Counts`, at the indices STEPS to SURVEYED. Both records are in
+    lagrange/algorithm/step/memory.py. The tolerance of an entry of the state is RTOL times its size in the step, plus
+    its floor. An accepted step raises a floor to SHARE times the size of the entry. Floors stated by the user have a
+    SHARE of 0 and are constant. Floors that follow the scale begin at `LEAST_FLOOR`.
 
     `taylor` is the record of a run by Taylor series, of the type `TAYLOR`. Such a run writes `outputs` while it
     advances.

@@ -97,10 +97,7 @@ def reads(block: Block) -> frozenset[int]:
 
 
 def uses_of(block: Block) -> dict[int, int]:
-    """Return how often each id is used in a block, by id.
-
-    A use inside a loop counts twice if the value is defined outside of the loop.
-    """
+    """Return the number of uses of each id in a block; a use inside a loop of a value from outside counts twice."""
     uses: dict[int, int] = {}
     for statement in block:
         for ref in operands(statement):

@@ -109,10 +109,7 @@ def elimination(order: int, entries: frozenset[tuple[int, int]], negative: tuple
 
 
 def block_eliminations(plan: SolvePlan) -> list[Elimination]:
-    """Return the elimination of each diagonal block of the matrix of a linear system.
-
-    `plan` describes the structure of the matrix.
-    """
+    """Return the elimination of each diagonal block of a matrix, whose structure `plan` describes."""
     eliminations = []
     for block in plan.blocks:
         index = {unknown: i for i, unknown in enumerate(block)}

@@ -230,10 +230,7 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
 
 
 def _parts(solves: list[int], most: int) -> list[tuple[int, ...]]:
-    """Divide the indices of solves with one matrix into groups of similar size, at most `most` each.
-
-    Groups of one solve are omitted.
-    """
+    """Divide solves with one matrix into groups of similar size, of 2 to `most` indices; drop groups of one."""
     if min(len(solves), most) < 2:
         return []
     size = -(-len(solves) // -(-len(solves) // most))

@@ -103,10 +103,7 @@ def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
 
 
 def _expanded(node: Node, unexpanded: Collection[Node]) -> Expansion | None:
-    """Return a node as an expanded sum of products, or None if it has too many terms.
-
-    Nodes in `unexpanded` are not expanded.
-    """
+    """Return a node as an expanded sum of products; None for too many terms. Nodes in `unexpanded` are factors."""
     expansion: Expansion = {}
     root = node
     while root.kind is Kind.SUM and _is_scaled(root):

@@ -51,8 +51,7 @@ an error of 5e-14 if the state changes by 1 (a pendulum, h = 1).
 """
 
 TAIL = 8.0
-"""The part of a function that its polynomial does not resolve is estimated as this multiple of the last coefficients.
-"""
+"""The unresolved part of a function is estimated as this multiple of the last coefficients of its polynomial."""
 
 TINY = 64 * 2.0**-1074
 """Smallest size that differs from zero: 64 spacings of the smallest doubles."""
@@ -61,9 +60,7 @@ LARGEST_NOISE = 1e-8
 """Largest size of the last coefficients, as a fraction of the function, that may count as noise."""
 
 STEP_HALVINGS = 500
-"""Largest number of halvings of one step. A function that needs more is irregular, and the caller examines it. Some
-tens of roots need fewer.
-"""
+"""Largest number of halvings of one step; some tens of roots need fewer. The caller examines a step that needs more."""
 
 TOGETHER = 4 * 2.0**-52
 """Zeros at a distance below this fraction of the time count as simultaneous."""
@@ -113,6 +110,4 @@ change leaves its direction open.
 """
 
 JUMP = 1e-4
-"""An event function or switching surface above this fraction of its largest term is not zero. If its sign changes
-there, it has jumped.
-"""
+"""An event function above this fraction of its largest term is not zero: if its sign changes there, it has jumped."""

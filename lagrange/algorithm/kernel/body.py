@@ -81,8 +81,7 @@ class PreparedLayout:
 def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
     """Add the hoisted instructions of a program, which depend only on parameters, to `merged`, each once.
 
-    `merged` maps instructions to their indices. Return these indices for the program's hoisted instructions, in
-    order.
+    `merged` maps instructions to indices. Return the indices of the program's hoisted instructions, in order.
     """
     table: list[int] = []
     for instruction in program.instructions[: program.hoisted]:
@@ -284,10 +283,7 @@ class Body:
         return FactoredMatrix(entries, memory[0].equals(0.0), None)
 
     def save(self, ref: int, out: Memory, slot: int) -> None:
-        """Write the result of instruction `ref` to the array `out`, from index `slot` on.
-
-        The result depends only on parameters. A matrix factorization or a solution takes several numbers.
-        """
+        """Write the result of instruction `ref`, one or several numbers, to the array `out`, from index `slot` on."""
         instruction, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
         if instruction.op == "factor":
             held = self.factors[ref]
@@ -326,10 +322,7 @@ class Body:
                     self.gather(step, groups[step].solves)
 
     def most_together(self, factor: int) -> int:
-        """Return the largest number of systems with one matrix that are solved together.
-
-        `factor` is the index of the instruction that factors the matrix.
-        """
+        """Return the largest number of systems, with the matrix of instruction `factor`, that are solved together."""
         plan = self.program.eliminations[factor]
         joined = self.style.entries // plan.order if written_out(plan, self.style.largest) else self.style.systems
         return min(joined, self.style.systems)
@@ -372,10 +365,7 @@ class Body:
         return self.vectors[ref]
 
     def entries(self, instruction: Instruction) -> dict[tuple[int, int], Real]:
-        """Return the lower triangle of a factor instruction's matrix: values by index pair (i, j), i >= j.
-
-        Entries that are identically zero are left out.
-        """
+        """Return the nonzero entries of a factor instruction's lower triangle: values by index pair (i, j), i >= j."""
         entries = {}
         for i in range(instruction.order):
             for j in range(i + 1):

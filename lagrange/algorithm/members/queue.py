@@ -83,10 +83,7 @@ class OccurrenceArrays:
 
 @dataclass(frozen=True)
 class FirstOccurrences:
-    """Storage of the first occurrences of events in a member's run.
-
-    `kept` is the number of events, and `dimension` the length of a state.
-    """
+    """Storage of the first occurrences of `kept` events in a member's run, for states of length `dimension`."""
 
     kept: int
     dimension: int
@@ -405,10 +402,7 @@ def end_member(job: MemberJob, member: Member, index: int, outcome: int, method:
 
 @inline
 def explained(outcome: int, run: Run, counts: Counts) -> int:
-    """Return the outcome of a run. If failed trial steps made its steps too small, return their outcome.
-
-    This is NON_FINITE or SINGULAR.
-    """
+    """Return the outcome of a run: NON_FINITE or SINGULAR if trial steps that failed so made its steps too small."""
     is_stuck = outcome == Outcome.STEP_TOO_SMALL and counts.after_reject > 0
     for cause in (Outcome.NON_FINITE, Outcome.SINGULAR):
         outcome = cause if is_stuck and run.cause == float(cause) else outcome

@@ -74,9 +74,7 @@ STAGNATION_NORM, STAGNATION_RATE = 2.0**10, 0.5
 """
 
 DIVERGENCE_GROWTH = 2.0
-"""Newton's iteration ends if large corrections, with a new matrix, grow by this factor. A further iteration might
-converge to another root.
-"""
+"""Newton's iteration ends if large corrections, with a new matrix, grow by this factor: it may reach another root."""
 
 NOISE_DECAY = 0.9
 """The observed round-off level decays by this factor per step."""

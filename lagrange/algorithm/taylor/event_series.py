@@ -190,8 +190,7 @@ def largest_term(c: In, count: int, s: float) -> float:
 
 
 ZERO_ROUND_OFF = 64 * 2.0**-52
-"""Largest value of a function, relative to the sum of its terms, that counts as zero at the zero of another function.
-"""
+"""Largest value, relative to the sum of its terms, of a function that counts as zero at another function's zero."""
 
 
 @procedure(noinline=True)
@@ -359,10 +358,7 @@ def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> floa
 
 @inline
 def used_count(c: Readable[float], order: int) -> int:
-    """Return the number of coefficients c up to the last nonzero one, at least `LEAST_COUNT`.
-
-    The series has the coefficients of the orders 0 to `order`.
-    """
+    """Return the number of coefficients c of orders 0 to `order`, without zeros at the end; at least `LEAST_COUNT`."""
     count = order + 1
     while count > LEAST_COUNT and c[count - 1] == 0.0:
         count -= 1
@@ -396,10 +392,7 @@ def column_of(view: WatchedView, i: int) -> tuple[bool, In]:
 
 @inline
 def terms_of(view: WatchedView, i: int) -> tuple[Out, Out, Out]:
-    """Return three arrays in scratch memory for watched function i: its terms, slopes and sums on a step.
-
-    These are the arrays that `event_terms` writes.
-    """
+    """Return the arrays that `event_terms` writes for watched function i on a step: terms, slopes and sums."""
     return view.terms[i * PADDED :], view.slopes[i * PADDED :], view.sums[i * len(TERM_SUMS) :]
 
 

@@ -143,9 +143,7 @@ def find_zeros(
 
 
 CLOSE_ROOTS = 8.0
-"""Distance of two zeros of one function below which they are one zero, as a multiple of the distance of simultaneous
-zeros.
-"""
+"""Zeros of one function closer than this multiple of the distance of simultaneous zeros count as one zero."""
 
 MOST_BALANCING = 200
 """Largest number of halvings of a step until the low powers of watched functions dominate."""
@@ -366,10 +364,7 @@ def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched
 
 @inline
 def limited_to(far: float, length: float, which: int, watch: Watch) -> float:
-    """Return the smaller of two lengths, `far` and `length`.
-
-    If `far` is smaller, record that watched function number `which` limits the step.
-    """
+    """Return the smaller of two lengths. If it is `far`, record that watched function `which` limits the step."""
     watch.limiting = which if far < length else watch.limiting
     return smaller(length, far)
 
@@ -422,10 +417,7 @@ def count_before(zeros: Zeros, count: int, time: float) -> int:
 
 @inline
 def simultaneous(step: InspectedStep, at: float) -> float:
-    """Return the time within which zeros near the time `at` of a step count as simultaneous.
-
-    Both times are in units of the time scale.
-    """
+    """Return the distance, in units of the time scale, within which zeros near the time `at` are simultaneous."""
     return TOGETHER * larger(abs(step.t / step.scale), at)
 
 

@@ -57,9 +57,7 @@ function may contain products.
 """
 
 MOST_SURFACES = 3
-"""Largest number of switching surfaces that the loop crosses itself. The numbers for all combinations of signs are
-stored.
-"""
+"""Largest number of switching surfaces that the loop crosses: it has numbers for all combinations of their signs."""
 
 
 JET = Callee((REAL, REAL, READ, READ, READ, Array(), WHOLE), (FLAG,))

@@ -38,9 +38,7 @@ FEW_STATES = 16
 """Below this number of states, calls of a function for one state are faster than one call for all."""
 
 PASSING_ROWS = 3
-"""Number of rows of inputs and results that are in the cache in addition to the working rows. An operation reads two
-rows and writes one.
-"""
+"""Rows of inputs and results in the cache beside the working rows: an operation reads two rows and writes one."""
 
 FUNCTIONS: dict[str, Any] = {
     **{elementary.name: elementary.of_float for elementary in ELEMENTARY.values()},
@@ -87,8 +85,8 @@ from math import atan2, inf, nan, pow as power, sqrt
 from math import {functions}
 from numpy import sign
 
-# One state: {name}(p)(t, y), with sequences of floats, returns a tuple of floats. The calls of a model have its
-# lines between those that check arrays and make one.
+# One state: {name}(p)(t, y), with sequences of floats, returns a tuple of floats. A call of a model checks its
+# arrays, runs these lines, and makes an array of the results.
 """
 
 COLUMNS_NOTE = "\n\n# Many states: rows y and out, (columns,) each, and {buffers} rows b to work with.\n"

@@ -32,9 +32,7 @@ STYLE = Style(largest=LARGEST_IN_PYTHON, substituted=1_000_000, systems=1, pivot
 """Style for straight lines: all systems are written out. The interpreter solves systems that need pivoting."""
 
 MOST_ADDED = 12
-"""Largest number of results that are added one by one to test whether they are finite. For more results a sum over a
-tuple is faster.
-"""
+"""Largest number of results that are added one by one to test if they are finite; a sum over a tuple is then faster."""
 
 UFUNCS: Mapping[str, str] = {
     **{op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)},
@@ -339,10 +337,7 @@ class _RowPrinter(_Floats):
                 self.operation_on_rows(let, texts)
 
     def operation_on_rows(self, let: form.Let, texts: Sequence[str]) -> None:
-        """Print an operation on rows whose result is a row of numbers.
-
-        `let` is the operation, and `texts` are the names of its operands.
-        """
+        """Print the operation `let`, whose operands have the names `texts` and whose result is a row of numbers."""
         a, *others = texts
         match let.op:
             case "fma" | "fnma":

@@ -39,10 +39,7 @@ _CONVERTED = {("real", WHOLE): "sitofp", ("real", FLAG): "uitofp", ("whole", REA
 
 
 def type_of(kind: Kind, lanes: int = 1) -> str:
-    """Return LLVM's type of values of a kind: a real, a whole number or a flag.
-
-    For `lanes` above 1 the result is the type of a vector with `lanes` values.
-    """
+    """Return LLVM's type of a real, whole number or flag; for `lanes` above 1, of a vector with `lanes` of them."""
     return KINDS[kind] if lanes == 1 else f"<{lanes} x {KINDS[kind]}>"
 
 
@@ -222,10 +219,7 @@ def convention(results: Sequence[Type]) -> str:
 
 
 def together(types: Sequence[str]) -> str:
-    """Return one LLVM type for several results of a function: a structure of `types`.
-
-    For one result it is the type of the result, and for none it is void.
-    """
+    """Return the LLVM type of a function's results: a structure of `types`, the type of a single result, or void."""
     return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
 
 

@@ -257,10 +257,7 @@ class Inline(PlainFunction[Args, Result]):
 
 
 class Plain(PlainFunction[Args, Result]):
-    """A procedure written as a plain function.
-
-    Parameters after `*` are static: `form(**known)` builds it for their values.
-    """
+    """A plain function as a procedure: `form(**known)` builds it for values of its parameters after `*`."""
 
     def __init__(
         self, function: Callable[Args, Result], *, noinline: bool, types: Mapping[str, Callable[..., Any]]
