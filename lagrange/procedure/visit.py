@@ -97,7 +97,7 @@ def reads(block: Block) -> frozenset[int]:
 
 
 def uses_of(block: Block) -> dict[int, int]:
-    """Return the number of uses of each id in a block; a use inside a loop of a value from outside counts twice."""
+    """Return the number of uses of each id in a block. In a loop, uses of values from outside count twice."""
     uses: dict[int, int] = {}
     for statement in block:
         for ref in operands(statement):

@@ -93,8 +93,8 @@ def hermite(block: PolynomialBlock) -> None:
     """Write the polynomials of a block of steps by Picard's iteration.
 
     In work memory `changes` are the differences between the slopes of the path and of the cubic at the inner
-    nodes, followed by the same differences for the next iterate. `moved` has for each column its change in the
-    last iteration, 0 once the iteration diverges.
+    nodes, followed by the same differences for the next iterate. `moved` has for each column the change of its
+    slopes in the last iteration, 0 once the iteration diverges.
     """
     step = steps_in(block.step_data, block.dimension, block.columns)
     (h, first, last, _, _), (time, _, _, _), changes = block.lay_out(ROOM)

@@ -55,7 +55,7 @@ NAME = "taylor_jet"
 """Name of the procedure that computes the series, in printed code."""
 
 ANGLES_AT_ONCE = 8
-"""Number of angles whose sines and cosines are computed at once, where there are vectors."""
+"""Number of angles whose sines and cosines are computed at once, in code with vectors."""
 
 
 class JetBuilder:

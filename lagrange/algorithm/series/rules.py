@@ -221,8 +221,8 @@ _RULES: Mapping[str, Callable[[ChunkAt], Term]] = {
 
 
 LARGEST_STORED_BLOCK = 8
-"""Entries in the first block if only a part of a vector is stored; a longer vector begins with its own length. Further
-blocks have half as many entries, or fewer.
+"""A part of a vector is stored in blocks. The first block has at most this number of entries, or the vector's length if
+that is larger. Each further block has half as many entries, or fewer.
 """
 
 

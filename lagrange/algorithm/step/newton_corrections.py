@@ -30,10 +30,9 @@ MATRIX_AGE = 3
 """A matrix may be rebuilt after this number of corrections in one step, or after this number of steps."""
 
 ROUND_OFF_FRACTION = 2.0**-6
-"""Largest error of an unknown after a fixed step, as a fraction of its rounding error. The remainder has the same sign
-at every step and adds up: with a fraction of 1, galerkin6 drifts 15 times as much. This fraction costs up to a quarter
-more evaluations, and a second correction of very short steps. Two corrections in a row at rounding level end the
-iteration.
+"""Largest error of an unknown after a fixed step, as a fraction of its rounding error. The error has the same sign at
+every step and adds up: with a fraction of 1, galerkin6 drifts 15 times as much. This fraction costs up to a quarter
+more evaluations, and a second correction of very short steps.
 """
 
 TOLERANCE_FRACTION = 0.02
@@ -74,7 +73,7 @@ STAGNATION_NORM, STAGNATION_RATE = 2.0**10, 0.5
 """
 
 DIVERGENCE_GROWTH = 2.0
-"""Newton's iteration ends if large corrections, with a new matrix, grow by this factor: it may reach another root."""
+"""Newton's iteration ends if large corrections with a new matrix grow by this factor, to avoid another root."""
 
 NOISE_DECAY = 0.9
 """The observed round-off level decays by this factor per step."""

@@ -43,8 +43,8 @@ digits.
 """
 
 BALANCE = 256.0
-"""Bound for an event function on a step that the series does not limit: the largest ratio of its higher terms, which
-grow with the square of time or faster, to its lower terms. Roots then lose two digits, and runs take a few more steps.
+"""Largest ratio of an event function's terms of power 2 or more to its other terms, on a step that the state's series
+does not limit. With this ratio roots lose two digits, and runs take a few more steps.
 """
 
 DOUBT = 64 * 2.0**-52

@@ -52,9 +52,7 @@ defect is tested at `PROBES` points along it.
 """
 
 EVENT_SLACK = 64.0
-"""Truncation error of an event function's series, in units of the state's tolerance. It is above 1, because the
-function may contain products.
-"""
+"""Truncation error of an event function's series, in units of the state's tolerance: functions may contain products."""
 
 MOST_SURFACES = 3
 """Largest number of switching surfaces that the loop crosses: it has numbers for all combinations of their signs."""

@@ -68,16 +68,15 @@ fourth derivative includes one coupling between coordinates. Entries whose serie
 
 ROWS_USED = 6
 GUARD = 0.25
-"""Margin of the step, in binary digits, beyond the bound by earlier rows. The step follows the last two rows; the
-`ROWS_USED - 2` rows before them are a second bound, the guard. From rest every other coefficient is zero, and the last
-nonzero one may be small by chance. Row k of a series of radius r gives the estimate r tolerance**(1/k). The step may
-exceed this estimate by a quarter of a binary digit, because the rows of an entire function decrease faster and faster.
+"""Margin, in binary digits, by which a step may exceed the bound by earlier rows. The last two rows determine the step.
+The `ROWS_USED - 2` rows before them give a second bound: from rest every other coefficient is zero, and the last
+nonzero one may be small by chance. Row k of a series of radius r gives the step r tolerance**(1/k). The margin is
+needed because the rows of an entire function decrease faster and faster.
 
 Rows below half of the order are not used. If a velocity is zero, its tolerance is relative to its first coefficient,
-and the estimate is the unit of time, which follows the step. At order 4 and a tolerance of 1e-12 no step would be long
-enough. An order that is low for the tolerance would take steps like tolerance**(1/(p - 1)), from the row before the
-last: 18 times as many as tolerance**(1/p) at order 4 and 1e-15. Then the radius of that row is used at the last order,
-less GUARD.
+and such a row gives the unit of time, which follows the step: at order 4 and a tolerance of 1e-12 no step would be long
+enough. If the order p is low for the tolerance, the row before the last would give steps like tolerance**(1/(p - 1)),
+18 times as many as tolerance**(1/p) at order 4 and 1e-15. So its radius is used at order p, less `GUARD`.
 """
 
 ZERO, ZERO_BOUND = -900.0, -800.0

@@ -38,7 +38,7 @@ FEW_STATES = 16
 """Below this number of states, calls of a function for one state are faster than one call for all."""
 
 PASSING_ROWS = 3
-"""Rows of inputs and results in the cache beside the working rows: an operation reads two rows and writes one."""
+"""Number of rows in the cache beside the working rows: an operation reads two rows and writes one."""
 
 FUNCTIONS: dict[str, Any] = {
     **{elementary.name: elementary.of_float for elementary in ELEMENTARY.values()},

@@ -32,7 +32,7 @@ STYLE = Style(largest=LARGEST_IN_PYTHON, substituted=1_000_000, systems=1, pivot
 """Style for straight lines: all systems are written out. The interpreter solves systems that need pivoting."""
 
 MOST_ADDED = 12
-"""Largest number of results that are added one by one to test if they are finite; a sum over a tuple is then faster."""
+"""Largest number of results that are added one by one to test if they are finite; for more, `sum` is faster."""
 
 UFUNCS: Mapping[str, str] = {
     **{op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)},

@@ -461,8 +461,7 @@ def _steps(procedure: Procedure) -> str:
     """Return the IR of the function `steps`, of the type `TAKE_STEPS`, by which another compiled loop takes steps.
 
     Its first argument is the address of the words that hold the arguments of `run`. Its next three arguments are
-    arrays whose addresses are also among the words. They show LLVM, in the caller, that the steps change these
-    arrays.
+    arrays whose addresses are also among the words, so that LLVM knows that a call changes these arrays.
     """
     e = Emitter()
     indices = {parameter.name: index for index, parameter in enumerate(procedure.parameters)}
