@@ -47,9 +47,7 @@ constraints. A larger violation is refused: the projected state would be a diffe
 """
 
 PROJECTION_CORRECTIONS = 8
-"""Largest number of corrections of a state. Newton's method needs 2 or 3 for the largest violations that a step leaves,
-and otherwise does not converge.
-"""
+"""Largest number of corrections of a state. After a step, Newton's method needs 2 or 3, or does not converge."""
 
 MOST_WRITTEN_BEYOND = 8
 """Number of doubles that a program may write after its results, since machines write in blocks."""

@@ -465,10 +465,10 @@ def reset(loop: EventLoop) -> bool:
 def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float) -> bool:
     """Return True if an event function passes zero at time t, and the mass matrix is regular at this time.
 
-    Otherwise its reset is irregular: on a long step the dense output may reach zero although the velocity there
-    points away again. So the function is compared at two states, a little before and after the present state of the
-    run along its derivative. `event` is its index, and `before` its value at the present state. The mass matrix is
-    tested at the present state and at the state `after` the reset.
+    Otherwise its reset is irregular: on a long step the dense output may reach zero although the velocity there leads
+    away from zero. So the function is compared at two states, a little before and after the present state of the run
+    along its derivative. `event` is its index, and `before` its value at the present state. The mass matrix is tested
+    at the present state and at the state `after` the reset.
     """
     pending, samples, n = loop.pending, loop.path(0, 0), loop.pending.dimension
     run, y = pending.event_run, pending.y

@@ -402,7 +402,7 @@ def end_member(job: MemberJob, member: Member, index: int, outcome: int, method:
 
 @inline
 def explained(outcome: int, run: Run, counts: Counts) -> int:
-    """Return the outcome of a run: NON_FINITE or SINGULAR if trial steps that failed so made its steps too small."""
+    """Return the outcome of a run: after failed trial steps, NON_FINITE or SINGULAR replaces STEP_TOO_SMALL."""
     is_stuck = outcome == Outcome.STEP_TOO_SMALL and counts.after_reject > 0
     for cause in (Outcome.NON_FINITE, Outcome.SINGULAR):
         outcome = cause if is_stuck and run.cause == float(cause) else outcome

@@ -128,7 +128,7 @@ class SeriesNumbers:
         return value
 
     def systems(self, p: Builder, prepared: Memory) -> Iterator[LinearSystem | None]:
-        """Yield for each linear system its solver, by the inverse in `prepared`, if its matrix is constant, or None."""
+        """Yield for each linear system its solver by the inverse in `prepared`, or None if its matrix varies."""
         begin = self.begin + self.inverses
         for stage in self.program.stages:
             if stage.plan.moving:
