@@ -34,7 +34,9 @@ class Outcome(enum.IntEnum):
 
 
 WIDEST_VECTOR = 8
-"""Number of doubles in the widest vector registers: compiled code computes this number of values or members at once."""
+"""Number of doubles in the widest vector registers. Compiled code computes this number of values, steps or ensemble
+members at once.
+"""
 
 
 def whole_blocks(count: int, block: int) -> int:
@@ -64,7 +66,9 @@ after that, the solution requires short steps.
 """
 
 FAR_FROM_ZERO = 1e-6
-"""If a step is below this fraction of the time, rounding of the time changes its length by a relative 1e-10."""
+"""If a step is below this fraction of the time, rounding of the time changes the length of the step by a relative
+1e-10.
+"""
 
 AFTER_DIVERGED, AFTER_BROKEN = 0.5, 0.25
 """Factors of the step length after a failed step. `AFTER_DIVERGED`: Newton's method did not converge; it may do so at

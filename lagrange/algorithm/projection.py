@@ -47,7 +47,9 @@ constraints. A larger violation is refused: the projected state would be a diffe
 """
 
 PROJECTION_CORRECTIONS = 8
-"""Largest number of corrections of a state. After a step, Newton's method needs 2 or 3, or does not converge."""
+"""Largest number of corrections of a state. Newton's method needs 2 or 3 for the largest violations that a step leaves,
+and otherwise does not converge.
+"""
 
 MOST_WRITTEN_BEYOND = 8
 """Number of doubles that a program may write after its results, since machines write in blocks."""
@@ -76,6 +78,7 @@ def project(
     move = reals(whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND, room=block)
     has_moved = False
     for _ in range(PROJECTION_CORRECTIONS):
+        # With a singular matrix the state is unchanged: the next evaluation meets the same matrix, and reports it.
         if unlikely(corrections(t, state, numbers, move)):
             return Outcome.DONE, has_moved
         violation, left = move[dimension], move[dimension + 1]
@@ -104,6 +107,7 @@ def starts_on_constraints(
     reports the matrix.
     """
     move = reals(dimension + 3 + MOST_WRITTEN_BEYOND)
+    # A matrix that is singular here is singular in the first step, which reports it.
     if corrections(t, state, numbers, move):
         return True
     if not relations:

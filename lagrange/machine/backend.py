@@ -127,7 +127,10 @@ class Driver(Protocol):
     """Advances a run by many steps, with compiled code if the machine has a compiler."""
 
     def adopt(self, state: DriverState) -> None:
-        """Make the state's vector y a view of the driver's memory if this avoids copies; its entries are then lost."""
+        """Make the state's vector y a view of the driver's memory if this avoids copies.
+
+        The entries of y are lost then.
+        """
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Try up to `budget` steps of a run from `state`, which is changed, and return an outcome.
@@ -431,13 +434,19 @@ def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatA
 
 
 def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> FloatArray | None:
-    """Return the result of a kernel's fast function at state y; None if it has none or the result is not finite."""
+    """Return the result of a kernel at one state y by its fast function.
+
+    Return None if the kernel has no such function or the result is not finite.
+    """
     quick = kernel.quick(parameters)
     return None if quick is None else quick.whole(t, y)
 
 
 def nothing(*_: Any) -> None:
-    """Return None for any arguments, in place of a fast function: the caller then evaluates the kernel itself."""
+    """Return None, for any arguments. Used in place of a fast function of a kernel that has none.
+
+    The caller then evaluates the kernel itself.
+    """
 
 
 def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:

@@ -29,12 +29,17 @@ from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
 
 TAYLOR_EVENT_ROOM = 4096
-"""Least number of events that the memory holds; it is large enough for all events of one step."""
+"""Least number of events that the memory holds before the loop returns. The memory is large enough for all events of
+one step.
+"""
 
 
 @lru_cache(maxsize=64)
 def _tilts(dimension: int) -> FloatArray:
-    """Return factors (2n + 1,) near 1 that perturb the state and the time, to estimate the noise of event functions."""
+    """Return the factors (2n + 1,) near 1 by which the state and the time are multiplied to estimate rounding noise.
+
+    The noise of an event function is estimated from its change.
+    """
     return np.asarray(1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1))
 
 
@@ -229,12 +234,15 @@ class StepDriver:
         for i, solve in enumerate(() if step.starter is None else layout.starting.solves):
             self._call.give(**{f"starters_{i}": self._record(NEWTON, layout.end + solve.flags)})
         self._budget: int | None = None
-        """The budget that the loop has for calls without rows; None if its arguments may have changed."""
+        """The budget of steps that the loop has for calls without rows, or None if its arguments may have changed."""
         self._state: DriverState | None = None
         self._function: StepFunction | None = None
 
     def _record(self, record: Record, index: int) -> Any:
-        """Return the structure of type `record` that shares the driver's work array, from index `index` on."""
+        """Return the record of type `record` that begins at index `index` of the driver's work array.
+
+        A record is a structure of named numbers. It shares memory with the array.
+        """
         memory: Any = self._work
         return record.structure.from_buffer(memory, 8 * index)
 
@@ -377,7 +385,10 @@ class SeriesDriver:
             self._call.give(resets=callback.function, reset_numbers=callback.numbers)
 
     def restart(self, state: DriverState) -> None:
-        """Set the rounding errors of the state, which compensated sums add to the next step, to zero after a jump."""
+        """Set the carried rounding errors of the state to zero, because the state has jumped.
+
+        The loop carries them from step to step by compensated sums.
+        """
         layout = self._code.layout
         self._work[layout.lost : layout.lost + layout.padded] = 0.0
         state.taylor.low = 0.0

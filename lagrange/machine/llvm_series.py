@@ -64,7 +64,10 @@ from lagrange.program.series import SeriesProgram
 
 @lru_cache(maxsize=64)
 def compiled_polynomial(procedure: Procedure) -> Module:
-    """Return the compiled module with the function `polynomial`, which calls a procedure that writes polynomials."""
+    """Return the compiled module of a procedure that writes polynomials.
+
+    The module has the function `polynomial`, which calls the procedure.
+    """
     context_size = len(procedure.parameters) - len(POLYNOMIAL.parameters) + 1
     e = Emitter()
     kinds = [argument_type(parameter.type) for parameter in procedure.parameters]
@@ -394,7 +397,10 @@ def link_events(*, well: bool) -> None:
 
 @cache
 def _events(well: bool) -> Module:
-    """Compile and register the procedures that find events on Taylor steps: optimized if `well`, else quickly."""
+    """Compile the procedures that find events on Taylor steps, and register their addresses by name.
+
+    With `well` they are optimized, otherwise compiled quickly.
+    """
     reached = transitive_callees(event_procedures())
     texts = [function(each, hidden=each not in event_procedures(), merged=not each.noinline) for each in reached]
     return provide(event_procedures(), Module(joined(texts), merge=well, quickly=not well))

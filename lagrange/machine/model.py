@@ -48,7 +48,9 @@ FUNCTIONS_KEPT = 64
 """Largest number of cached functions of events and expressions."""
 
 SERIES_KEPT = 16
-"""Largest number of cached series with events, beside the one without events; each has some 2 MB of machine code."""
+"""Largest number of cached series with events, in addition to the series without events. Each takes some 2 MB of
+machine code.
+"""
 
 UNSET = 1e-2
 """A velocity of zero counts as not given if it violates its equation of first order by more than this fraction of the
@@ -69,7 +71,7 @@ class Model:
     Coordinates and velocities are arrays (n,), or (n, batch) for many states at once; a state y is [q, v],
     (2n,) or (2n, batch). Units are those of the statement. `parameters` is a dict by symbol or name, which replaces
     some of the statement's defaults, or all values (k,), or (k, batch) with one column for each state. Methods raise
-    StatementError for wrong shapes and missing or unknown parameters, RunError where the mass matrix is singular.
+    StatementError for wrong shapes and missing or unknown parameters, and RunError where the mass matrix is singular.
     """
 
     def __init__(self, statement: Statement, equations: Equations, made: KernelProvider) -> None:
@@ -107,7 +109,10 @@ class Model:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs, the last parameters: given functions u without values, and their rates such as u_dot."""
+        """Names of the inputs: given functions u without values, and their rates such as u_dot.
+
+        Inputs are the last parameters.
+        """
         return tuple(symbol.name for symbol, _ in self.statement.inputs)
 
     @property
@@ -153,7 +158,10 @@ class Model:
         return printed(self.interpreted(name).program)
 
     def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
-        """Return an interpreted kernel `name` that evaluates `nodes` of the equations' graph from t, q and v."""
+        """Return an interpreted kernel that evaluates `nodes` of the equations' graph from t, q and v.
+
+        `name` is the name of the kernel.
+        """
         nodes, name = _nodes(nodes), text(name, "name")
         if not nodes or not name.isidentifier():
             raise StatementError(

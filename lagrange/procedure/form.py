@@ -141,7 +141,10 @@ class Let(NamedTuple):
 
 
 class SineCosine(NamedTuple):
-    """The sine and the cosine of an angle, or of each entry of a vector: together little slower than one of them."""
+    """The sine and the cosine of one angle, or of each entry of a vector.
+
+    Both together take little more time than one.
+    """
 
     sine: int
     cosine: int
@@ -329,7 +332,9 @@ PARTIAL = 4
 """Number of partial sums of a `Fold`."""
 
 SUMS, WIDTHS = ("add", "dot"), (1, 2, 4, 8)
-"""Names of the reductions that are sums; numbers of iterations of an `Each` that may be computed at once."""
+"""`SUMS`: names of the reductions that are sums. `WIDTHS`: numbers of iterations of an `Each` that may be computed at
+once.
+"""
 
 
 class Fold(NamedTuple):

@@ -201,7 +201,10 @@ class Syntax(ABC):
 
     @abstractmethod
     def partial(self, ref: int, index: str) -> str:
-        """Return the text of a partial sum of the reduction `ref`; `index` is the text of its index, 0 to 3."""
+        """Return the text of a partial sum of the reduction with the id `ref`.
+
+        `index` is the text of its index, 0 to 3.
+        """
 
     @abstractmethod
     def modulo(self, index: str) -> str:

@@ -97,7 +97,10 @@ def reads(block: Block) -> frozenset[int]:
 
 
 def uses_of(block: Block) -> dict[int, int]:
-    """Return the number of uses of each id in a block. In a loop, uses of values from outside count twice."""
+    """Return how often each id is used in a block, by id.
+
+    A use inside a loop counts twice if the value is defined outside of the loop.
+    """
     uses: dict[int, int] = {}
     for statement in block:
         for ref in operands(statement):

@@ -263,14 +263,20 @@ def jacobian(equations: Equations) -> Named:
 
 
 def momentum_jacobian(equations: Equations) -> Named:
-    """Return the nodes of d[p, f] / d[q, v] by rows, (2n, 2n); the upper right block is the mass matrix."""
+    """Return the nodes of d[p, f] / d[q, v] by rows, (2n, 2n), with momenta p and forces f.
+
+    The upper right block is the mass matrix.
+    """
     rows = [*equations.momenta, *equations.forces]
     columns = [tangents(rows, {symbol: equations.graph.one}) for symbol in (*equations.q, *equations.v)]
     return {"momentum_jacobian": [column(row) for row in rows for column in columns]}
 
 
 def constraint_forces(equations: Equations) -> Named:
-    """Return the generalized force of each constraint, n nodes for each: its gradient times its multiplier."""
+    """Return the nodes of the generalized force G_i^T lambda_i of each constraint i, n nodes for each.
+
+    G_i is the gradient of the constraint, and lambda_i its multiplier.
+    """
     forces = [
         entry * multiplier
         for row, multiplier in zip(equations.stated.gradient, equations.multipliers, strict=True)
@@ -340,7 +346,10 @@ violation before and after.
 
 
 def quantities_of(equations: Equations) -> dict[str, Quantity]:
-    """Return the quantities that a system offers, by name; those of constraints only if it has constraints."""
+    """Return the quantities that a system offers, by name, such as its energy.
+
+    Only a system with constraints has quantities of constraints.
+    """
     return {**QUANTITIES, **(CONSTRAINT_QUANTITIES if equations.stated.names else {})}
 
 

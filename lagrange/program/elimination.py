@@ -109,7 +109,10 @@ def elimination(order: int, entries: frozenset[tuple[int, int]], negative: tuple
 
 
 def block_eliminations(plan: SolvePlan) -> list[Elimination]:
-    """Return the elimination of each diagonal block of a matrix, whose structure `plan` describes."""
+    """Return the elimination of each diagonal block of the matrix of a linear system.
+
+    `plan` describes the structure of the matrix.
+    """
     eliminations = []
     for block in plan.blocks:
         index = {unknown: i for i, unknown in enumerate(block)}

@@ -157,7 +157,10 @@ class _Lowering:
         return term if total is None else self.emit("add", total, term)
 
     def add_term(self, total: int | None, coefficient: Exact, arg: Node) -> int:
-        """Emit total + coefficient * arg, and return its index. `total` is the index of a result, or None for zero."""
+        """Emit total + coefficient * arg, and return the index of the result.
+
+        `total` is the index of a result, or None for zero.
+        """
         negative = coefficient < 0
         if arg.kind is Kind.PRODUCT and arg not in self.done:
             over, under = _split_factors(arg.args, self.uses)

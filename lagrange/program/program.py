@@ -230,7 +230,10 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
 
 
 def _parts(solves: list[int], most: int) -> list[tuple[int, ...]]:
-    """Divide solves with one matrix into groups of similar size, of 2 to `most` indices; drop groups of one."""
+    """Divide the indices of solves with one matrix into groups of similar size, at most `most` each.
+
+    Groups of one solve are omitted.
+    """
     if min(len(solves), most) < 2:
         return []
     size = -(-len(solves) // -(-len(solves) // most))

@@ -20,7 +20,9 @@ from lagrange.statement.run_settings import CHECKED_EVERY, check_time
 from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 LONGEST_SHARED = 12
-"""Longest product whose pairs of factors are counted, to share them; a longer one is multiplied from the left."""
+"""Longest product whose pairs of factors are counted, to share them with other products. A longer product is multiplied
+from the left.
+"""
 
 
 class RecurrenceBuilder:
@@ -115,7 +117,10 @@ class RecurrenceBuilder:
         return self.numbers[key]
 
     def reserve(self, node: Node) -> int:
-        """Return the index of a new series value for a node. Its rule, which may read the value, is set later."""
+        """Return the index of a new series value for a node.
+
+        Its rule is set later, so that the rule may read the value itself.
+        """
         self.rules.append(SeriesRule("constant"))
         self.nodes.append(node)
         self.offsets.append(None)
@@ -153,7 +158,10 @@ class RecurrenceBuilder:
         raise AssertionError(f"{node} has no series")
 
     def linear(self, terms: Iterable[tuple[Exact, Node]], node: Node) -> int:
-        """Return the index of the series value of `node`, the sum of `terms`; constant terms enter at order 0 only."""
+        """Return the index of the series value of `node`, the linear combination of `terms`.
+
+        Constant terms enter at order 0 only.
+        """
         merged: dict[int, Node] = {}
         constant = self.graph.zero
         for coefficient, arg in terms:
@@ -228,7 +236,10 @@ class RecurrenceBuilder:
         return self.add(SeriesRule("power", (a,), (self.constant(exponent),)), node)
 
     def rate(self, node: Node) -> Node | None:
-        """Return da/dt if the node a is a linear combination of coordinates with constant coefficients, else None."""
+        """Return da/dt if the node a is a linear combination of coordinates with constant coefficients.
+
+        Otherwise return None.
+        """
         if node not in self.rates:
             self.rates[node] = self._rate(node)
         return self.rates[node]

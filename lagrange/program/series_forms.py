@@ -103,7 +103,10 @@ def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
 
 
 def _expanded(node: Node, unexpanded: Collection[Node]) -> Expansion | None:
-    """Return a node as an expanded sum of products; None for too many terms. Nodes in `unexpanded` are factors."""
+    """Return a node as an expanded sum of products, or None if it has too many terms.
+
+    Nodes in `unexpanded` are not expanded.
+    """
     expansion: Expansion = {}
     root = node
     while root.kind is Kind.SUM and _is_scaled(root):

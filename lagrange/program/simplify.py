@@ -16,7 +16,9 @@ LONGEST_PROGRAM = 4000
 """Largest number of instructions of a program that is simplified. Simplification takes 10 us for each instruction."""
 
 MOST_COMPARED_TERMS = 40
-"""Largest number of terms or factors that are searched for savings, since each is compared with all others."""
+"""Largest number of terms of a sum, or factors of a product, that are searched for savings, because each is compared
+with all others.
+"""
 
 ODD, EVEN = ("mul", "div"), ("abs", "cos")
 """Operations whose result changes its sign with an operand, and operations that ignore the sign of their operand."""

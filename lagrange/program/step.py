@@ -101,7 +101,10 @@ their rates psi, all padded to n entries (`lagrange.program.catalogue`).
 
 @dataclass(frozen=True, eq=False)
 class LawCall:
-    """One evaluation of the model's function (the law). Its result vectors have the indices from `first` on."""
+    """One evaluation of the model's function (the law) at a time and arguments.
+
+    Its result vectors have the indices from `first` on.
+    """
 
     time: Node
     arguments: tuple[Combination, ...]

@@ -184,9 +184,10 @@ class PolynomialBlock:
 
     @inline
     def with_step(self, step: In, work: Out, out: Out) -> PolynomialBlock:
-        """Return a copy of this block for other steps: `step` has their data, as in `BlockSteps`.
+        """Return a copy of this block with other steps, work memory and output, and without neighbours.
 
-        The copy is for procedures that do not read the neighbours: its `neighbours` is `step`, too.
+        `step` has the data of the steps, as in `BlockSteps`. The copy is for procedures that do not read the
+        neighbours. Its `neighbours` is therefore `step`, too.
         """
         laws = self.law, self.parameters, self.jacobian, self.constants, self.invert
         numbers = self.table, self.stages, self.degree, self.dimension, self.columns
@@ -225,12 +226,17 @@ class PolynomialBlock:
 
     @inline
     def slopes(self, t: In, y: In, out: Out) -> None:
-        """Write the time derivatives of the states y at times t to `out`, by columns; NaN for a singular matrix."""
+        """Write the time derivatives of the states y at times t, by columns, to `out`.
+
+        The derivatives are NaN in columns with a singular mass matrix.
+        """
         slopes(self.law, self.parameters, self.dimension, self.columns, t, y, self.work, out)
 
 
 READ_BLOCKS, BLOCKS = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VECTOR)
-"""Types of arrays that are accessed in whole vectors, also beyond their ends: read only, and written."""
+"""Types of arrays that are accessed in whole vectors, also beyond their ends. Procedures only read the first, and may
+write the second.
+"""
 
 
 def block_type() -> Bundle:

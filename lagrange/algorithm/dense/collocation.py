@@ -30,7 +30,9 @@ from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely
 
 STAGE_CORRECTIONS = 12
-"""Largest number of Newton corrections of the inner stages; 3 to 5 reach rounding, from points on a straight line."""
+"""Largest number of Newton corrections of the inner stages. From points on a straight line, 3 to 5 reduce the error to
+rounding.
+"""
 
 SETTLED = 1e-14
 """The stages of a step have converged if their Newton correction is below this fraction of the state."""

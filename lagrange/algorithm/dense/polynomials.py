@@ -43,7 +43,7 @@ ROOM = WorkSize(vectors=5, rows=4)
 
 @cache
 def hermite_polynomial(order: int) -> StepPolynomial:
-    """Return dense output of order `order`: Hermite's cubic for order 3, else Picard's iteration from this cubic.
+    """Return dense output of an order. For order 3 it is Hermite's cubic, else Picard's iteration from this cubic.
 
     The degree is one more than the order. The table has the inner nodes; the matrix from changes of slopes to changes
     of states at the nodes; and, by powers of theta, the contribution of each change of slope to the path.

@@ -5,9 +5,9 @@ from __future__ import annotations
 EPSILON = 2.0**-52
 
 POLYNOMIAL_NOISE = 8 * EPSILON
-"""Least noise of a polynomial on a step, relative to sum |c[k] h**k|. Measured after 30 halvings around simple, double
-and close roots of random polynomials up to degree 64: Bernstein coefficients have errors of at most 4.6 EPSILON, and
-coefficients within 64 EPSILON of zero have errors of at most 1.2 EPSILON.
+"""Least noise of a polynomial on a step, relative to sum |c[k] h**k|. The value was measured after 30 halvings around
+simple, double and close roots of random polynomials up to degree 64. Bernstein coefficients then have errors of at most
+4.6 EPSILON. Coefficients within 64 EPSILON of zero have errors of at most 1.2 EPSILON.
 """
 
 DEEPEST_HALVING = 50
@@ -26,7 +26,7 @@ SMALLEST = 2.0**-1022
 """Smallest normal double."""
 
 LEAST_POWER = -(2**20)
-"""Initial value of a search for the largest exponent of two: every coefficient has a larger one."""
+"""Initial value of a search for the largest exponent of two. Every coefficient has a larger exponent."""
 
 CONVERGED = EPSILON / 1024
 """Newton's method ends if its next step is below this fraction of the root."""
@@ -51,7 +51,8 @@ an error of 5e-14 if the state changes by 1 (a pendulum, h = 1).
 """
 
 TAIL = 8.0
-"""The unresolved part of a function is estimated as this multiple of the last coefficients of its polynomial."""
+"""The part of a function that its polynomial does not resolve is estimated as this multiple of the last coefficients.
+"""
 
 TINY = 64 * 2.0**-1074
 """Smallest size that differs from zero: 64 spacings of the smallest doubles."""
@@ -60,7 +61,9 @@ LARGEST_NOISE = 1e-8
 """Largest size of the last coefficients, as a fraction of the function, that may count as noise."""
 
 STEP_HALVINGS = 500
-"""Largest number of halvings of one step; some tens of roots need fewer. The caller examines a step that needs more."""
+"""Largest number of halvings of one step. A function that needs more is irregular, and the caller examines it. Some
+tens of roots need fewer.
+"""
 
 TOGETHER = 4 * 2.0**-52
 """Zeros at a distance below this fraction of the time count as simultaneous."""
@@ -75,7 +78,7 @@ factor. Otherwise a ball that is below the floor by rounding would meet the floo
 
 CLOSEST = 64 * 2.0**-52
 """Resets or mode changes by one event or switching surface accumulate if their distance is below this fraction of the
-time. An example are the impacts of a ball that comes to rest.
+time. For example, the impacts of a ball accumulate before it comes to rest.
 """
 
 NOISE_HALVES = 8.0
@@ -110,4 +113,6 @@ change leaves its direction open.
 """
 
 JUMP = 1e-4
-"""An event function above this fraction of its largest term is not zero: if its sign changes there, it has jumped."""
+"""An event function or switching surface above this fraction of its largest term is not zero. If its sign changes
+there, it has jumped.
+"""

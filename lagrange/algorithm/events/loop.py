@@ -117,7 +117,9 @@ class EventRun:
     """1 if all steps have equal length, 0 with error control."""
 
     both: int
-    """1 if the dense output of a step needs the next step; the first step after a start or reset then waits for it."""
+    """1 if the dense output of a step needs the next step. Then the first step after a start or reset waits for the
+    second.
+    """
 
     resets: int
     """1 if the state may be reset in the loop."""
@@ -138,7 +140,8 @@ class EventRun:
     """Number of changes of the motion, such as resets, that fit in the arrays of breaks."""
 
     due: int
-    """1 + the index of the event that resets the state or ends the run at the present state; 0 without such events."""
+    """1 + the index of the event that resets the state or ends the run at the present state; 0 without such an event.
+    """
 
     way: int
     """Direction of the zero of the event in `due`: 1 rising, -1 falling, or 0 for a touch."""
@@ -327,7 +330,10 @@ class EventLoop:
 
     @inline
     def path(self, first: int, steps: int) -> Samples:
-        """Return the `steps` steps that are not yet searched for events as `Samples`, beginning with row `first`."""
+        """Return the steps that are not yet searched for events as `Samples`, beginning with row `first`.
+
+        `steps` is their number.
+        """
         pending = self.pending
         run = pending.times[first:], pending.row(first)
         return replace(self.samples, dimension=pending.dimension, times=run[0], states=run[1], steps=steps)

@@ -36,7 +36,8 @@ CHAINS = 4
 """Number of partial sums of a polynomial, each in powers of s**4, to hide the latency of additions."""
 
 PADDED = (MOST_COEFFICIENTS + CHAINS - 1) // CHAINS * CHAINS
-"""Length of the memory for a polynomial's coefficients: whole blocks of `CHAINS` numbers, padded with zeros."""
+"""Length of the memory for a polynomial's coefficients: whole blocks of `CHAINS` numbers, the rest filled with zeros.
+"""
 
 
 @inline

@@ -48,7 +48,9 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 PASSES_AT_ONCE = 4
-"""Number of passes of running sums that one loop does. Each number is read and written once for all of these passes."""
+"""Number of passes of running sums that one loop does. Each number is then read and written once for all of these
+passes.
+"""
 
 
 @inline

@@ -56,7 +56,9 @@ changes; before a step whose zeros may not fit into the arrays.
 """
 
 UNKNOWN, IGNORED = 0, 5
-"""Codes in place of a direction for an event that starts at zero: the caller decides, or the zero is ignored."""
+"""Codes in place of a direction for an event that starts at zero. UNKNOWN: the caller decides. IGNORED: the zero is
+ignored.
+"""
 
 MOST_ZEROS = 128
 """Largest number of zeros on one step that the search for events handles."""

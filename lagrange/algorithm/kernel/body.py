@@ -283,7 +283,10 @@ class Body:
         return FactoredMatrix(entries, memory[0].equals(0.0), None)
 
     def save(self, ref: int, out: Memory, slot: int) -> None:
-        """Write the result of instruction `ref`, one or several numbers, to the array `out`, from index `slot` on."""
+        """Write the result of instruction `ref` to the array `out`, from index `slot` on.
+
+        The result depends only on parameters. A matrix factorization or a solution takes several numbers.
+        """
         instruction, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
         if instruction.op == "factor":
             held = self.factors[ref]
@@ -322,7 +325,10 @@ class Body:
                     self.gather(step, groups[step].solves)
 
     def most_together(self, factor: int) -> int:
-        """Return the largest number of systems, with the matrix of instruction `factor`, that are solved together."""
+        """Return the largest number of systems with one matrix that are solved together.
+
+        `factor` is the index of the instruction that factors the matrix.
+        """
         plan = self.program.eliminations[factor]
         joined = self.style.entries // plan.order if written_out(plan, self.style.largest) else self.style.systems
         return min(joined, self.style.systems)
@@ -365,7 +371,10 @@ class Body:
         return self.vectors[ref]
 
     def entries(self, instruction: Instruction) -> dict[tuple[int, int], Real]:
-        """Return the nonzero entries of a factor instruction's lower triangle: values by index pair (i, j), i >= j."""
+        """Return the lower triangle of a factor instruction's matrix: values by index pair (i, j), i >= j.
+
+        Entries that are identically zero are left out.
+        """
         entries = {}
         for i in range(instruction.order):
             for j in range(i + 1):

@@ -18,7 +18,9 @@ the ratio test are equal if they differ by less than this.
 """
 
 PIVOTS_PER_ROW = 50
-"""Largest number of pivots per row of the tableau. A problem with a solution needs about one per row."""
+"""Largest number of pivots per row of the tableau, after which the method fails. A problem with a solution needs about
+one.
+"""
 
 NO_ROW = -1
 """Index of a missing row: no row of the tableau limits the entering variable."""

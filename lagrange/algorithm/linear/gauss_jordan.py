@@ -97,7 +97,10 @@ def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Re
 
 @inline
 def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> int:
-    """Return the row, from k on, whose entry in column k is largest after scaling by `units`; k if all are NaN."""
+    """Return the row, from k on, whose entry in column k is largest after scaling by `units`.
+
+    The result is k if all these entries are NaN.
+    """
     stride = row_stride(n)
     if n > UNROLLED_ORDER:
         best, row = -1.0, k

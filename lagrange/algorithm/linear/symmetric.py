@@ -204,7 +204,7 @@ def solve_pivoted(n: int, band: int, factors: In, b: Out) -> None:
 
 
 PIVOT_BESIDE_MULTIPLIERS = 2.0**-10
-"""Least pivot, relative to its terms, that elimination in a given order accepts in systems with multipliers. Larger
+"""Least pivot, relative to its terms, that elimination in a given order accepts in systems with multipliers. Accepted
 pivots lose at most three digits. For definite matrices no digits are lost with any pivot.
 """
 
@@ -216,7 +216,8 @@ RESIDUAL = 2.0**-40
 def least_pivot(negative: Sequence[int]) -> float:
     """Return the smallest pivot that is accepted, relative to the sizes of the terms whose sum it is.
 
-    `negative` are the indices of negative pivots, which belong to multipliers; it may be empty.
+    `negative` are the indices of negative pivots, which belong to multipliers. `negative` is empty without
+    multipliers.
     """
     return PIVOT_BESIDE_MULTIPLIERS if negative else PIVOT
 

@@ -83,7 +83,10 @@ class OccurrenceArrays:
 
 @dataclass(frozen=True)
 class FirstOccurrences:
-    """Storage of the first occurrences of `kept` events in a member's run, for states of length `dimension`."""
+    """Storage of the first occurrences of events in a member's run.
+
+    `kept` is the number of events, and `dimension` the length of a state.
+    """
 
     kept: int
     dimension: int
@@ -352,8 +355,8 @@ def without_sizes(outcome: int, member: Member, method: MemberMethod) -> int:
     """Return the outcome of a step, with PAUSED in place of UNSCALED if the run can continue without sizes.
 
     UNSCALED asks for estimates of the sizes of the state's entries. Estimates only raise the absolute
-    tolerances: without estimates, steps are at most shorter. A run ends if it cannot begin without sizes, or if
-    an entry may be rounding noise: its steps would shrink to nothing.
+    tolerances. Without estimates, steps are at most shorter. A run ends if it cannot begin without sizes. A run also
+    ends if an entry may be rounding noise, because its steps would shrink to nothing.
     """
     counts = member.counts
     is_asked = outcome == Outcome.UNSCALED and counts.steps > 0 and counts.surveyed < MOST_SURVEYS
@@ -402,7 +405,10 @@ def end_member(job: MemberJob, member: Member, index: int, outcome: int, method:
 
 @inline
 def explained(outcome: int, run: Run, counts: Counts) -> int:
-    """Return the outcome of a run: after failed trial steps, NON_FINITE or SINGULAR replaces STEP_TOO_SMALL."""
+    """Return the outcome of a run. If failed trial steps made its steps too small, return their outcome.
+
+    This is NON_FINITE or SINGULAR.
+    """
     is_stuck = outcome == Outcome.STEP_TOO_SMALL and counts.after_reject > 0
     for cause in (Outcome.NON_FINITE, Outcome.SINGULAR):
         outcome = cause if is_stuck and run.cause == float(cause) else outcome

@@ -169,7 +169,10 @@ class MemberStepPath:
 
     @inline
     def find(self, memory: PathMemory, table: In, numbers: In) -> None:
-        """Write the polynomial of the step `memory.step` to `memory.c`; `table` has the coefficients of the method."""
+        """Write the coefficients of the polynomial of the step `memory.step` to `memory.c`.
+
+        `table` has the coefficients of the method.
+        """
         step_memory = memory.step.memory
         self.write((numbers, table), 1, step_memory, step_memory, memory.work, memory.c)
 
@@ -179,7 +182,7 @@ def law_of_column(_columns: int, t: In, q: In, _v: In, numbers: In, out: Out, *,
     """Write the right-hand side `law` at one state to `out`. Return 0 if a matrix is singular, else -1.
 
     The arguments are those of a function of several columns, for one column. t has the time, and q the whole state
-    [q, v]; `_v` is not used.
+    [q, v]. `_v` is not used.
     """
     return int(generated(law, t[0], q, numbers, out)) - 1
 
@@ -190,7 +193,9 @@ fields of `ExpressionOnStep`, without the callback itself.
 """
 
 RESOLUTION = 2.0**-27
-"""Distance of points in the search for a maximum, as a fraction of the step: the value is then exact to round-off."""
+"""Distance of points in the search for a maximum, as a fraction of the step. The value at the maximum is then exact to
+round-off.
+"""
 
 MOST_EVALUATIONS = 60
 """Largest number of evaluations in a search for a maximum. About 8 suffice if the expression has a third derivative,
@@ -299,7 +304,9 @@ END_SLOPE_AT = 2.0**-20
 """Fraction of the step at which the slope of an expression at an end of the step is tested."""
 
 SIGNS = {"max": 1.0, "min": -1.0}
-"""Factors of an expression whose largest value is searched for: -1 turns the least value into the largest."""
+"""Factors by which an expression is multiplied, so that its largest value is searched for: -1 turns the least value
+into the largest.
+"""
 
 
 @cache
@@ -461,7 +468,10 @@ def follow_step(
 
 @inline
 def integral(samples: In, weights: In) -> float:
-    """Return the mean of an expression over a step, from its `samples` and the `weights` of a rule on [0, 1]."""
+    """Return the mean of an expression over a step, by a quadrature rule on [0, 1].
+
+    `samples` are values of the expression at the points of the rule, and `weights` are the weights.
+    """
     total = samples[0] * weights[0]
     for j in unrolled(SAMPLE_POINTS - 1):
         total = fma(samples[j + 1], weights[j + 1], total)

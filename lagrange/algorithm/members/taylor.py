@@ -123,7 +123,10 @@ class EventSearch:
 
     @inline
     def take(self, memory: SearchMemory, job: Any, index: int) -> None:
-        """Copy new events, on steps that the defect test has confirmed, to the results of member `index`."""
+        """Copy new events to the results of member `index`.
+
+        These events are on steps that the defect test has confirmed.
+        """
         watched, watch, slot = memory.watched, memory.watched.watch, memory.taken[0]
         if unlikely(watch.done > slot):
             while slot < watch.done:
@@ -136,7 +139,10 @@ class EventSearch:
 
     @inline
     def due(self, memory: SearchMemory) -> int:
-        """Return the index of the first watched function in the list of functions that are zero at the step's end."""
+        """Return the index of the watched function that is first in the list of due functions.
+
+        Due functions are zero at the end of the step.
+        """
         return memory.watched.whole_scratch[self.events.count * PARTS["due"][1]]
 
     @inline
@@ -193,7 +199,10 @@ class TaylorMembers(MemberMethod):
 
     @inline
     def memory(self, job: MemberJob, numbers: In) -> tuple[tuple[Out, ...], SeriesMemory]:
-        """Return memory for the state, at the start of the work array, and an object with a run's other memory."""
+        """Return memory for the state, and an object with the other memory of a run.
+
+        The state is one vector at the beginning of the work array.
+        """
         work = reals(self.layout.size(self.order), room=WIDEST_VECTOR)
         records = TaylorState(), Held(), OutputCounts(), reals(1)
         search = None if self.search is None else self.search.memory(job, numbers)

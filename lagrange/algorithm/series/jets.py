@@ -173,7 +173,10 @@ partial sums 128 ns. `LATEST`: number of products that are added last, because t
 
 
 class WrittenJet(JetBuilder):
-    """Builder of a procedure without loops for a series. Its argument is the order, from `lowest` to `highest`."""
+    """Builder of a procedure without loops that computes a series up to an order from `lowest` to `highest`.
+
+    The order is an argument of the procedure.
+    """
 
     def __init__(
         self,
@@ -240,13 +243,19 @@ class WrittenJet(JetBuilder):
                 self.p.leave(self.singular)
 
     def know(self, stage_number: int, values: Sequence[Term]) -> None:
-        """Set the present unknowns of linear system `stage_number`; drop operands that were gathered from old ones."""
+        """Set the present coefficients of the unknowns of linear system `stage_number` to `values`.
+
+        Operands that were gathered with earlier values of the unknowns are dropped.
+        """
         for key in [key for key in self.operands if key[1] == self.k and not self.is_known(key[0], stage_number)]:
             del self.operands[key]
         self.x |= zip(self.packing.stages[stage_number].unknowns, values, strict=True)
 
     def write(self) -> None:
-        """Write the present order's row of Taylor coefficients, and its zeros: other runs use the same memory."""
+        """Write the row of Taylor coefficients of the present order to memory.
+
+        Zeros are written too, because other runs use the same memory.
+        """
         index = self.k * self.layout.width
         watched_at = index + self.layout.watched_at
         for chunk in self.packing.state:
@@ -297,7 +306,10 @@ class WrittenJet(JetBuilder):
         return divided(self, x, self.scaled(high, width(x)), small)
 
     def scaled(self, factor: float, lanes: int) -> Term:
-        """Return the unit of time (`scale`, a power of two) times `factor`, exactly, repeated in each lane."""
+        """Return the unit of time (`scale`) times `factor`, repeated in each lane.
+
+        The product is exact, because the scale is a power of two.
+        """
         if (factor, lanes) not in self.shares:
             single = self.scale if factor == 1.0 else self.scale * factor
             if lanes > 1:
@@ -461,7 +473,10 @@ class ByOrderJet(JetBuilder):
             yield iteration
 
     def set_order(self, k: Whole) -> None:
-        """Set k as the present order: find its row and the previous one; compute 1 / k and scale / k as two doubles."""
+        """Set k as the present order: find its row and the previous row, and compute 1 / k and scale / k.
+
+        Both quotients are sums of two doubles.
+        """
         p = self.p
         self.stored_row, self.previous = self.stored.row(k), self.stored.row(k - 1)
         self.row = self.stored_row if self.stored.memory is self.rows else self.rows.at(k * self.layout.width)
@@ -485,7 +500,10 @@ class ByOrderJet(JetBuilder):
         return divided(self, x, self.high, self.low)
 
     def know(self, stage_number: int, values: Sequence[Term]) -> None:
-        """Set the present unknowns of linear system `stage_number`; drop operands that were gathered from old ones."""
+        """Set the present coefficients of the unknowns of linear system `stage_number` to `values`.
+
+        Operands that were gathered with earlier values of the unknowns are dropped.
+        """
         self.operands = {operand: x for operand, x in self.operands.items() if self.is_known(operand, stage_number)}
         self.x |= zip(self.packing.stages[stage_number].unknowns, values, strict=True)
 

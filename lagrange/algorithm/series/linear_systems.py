@@ -135,7 +135,10 @@ class Diagonal:
         self.vectors: dict[Sequence[int], Term] = {}
 
     def read(self, rows: Rows) -> None:
-        """Gather the reciprocals of the diagonal entries to vectors, one for each vector of unknowns in `rows`."""
+        """Gather the reciprocals of the diagonal entries to vectors, one for each vector of unknowns.
+
+        `rows` has for each vector the indices of its unknowns, by lane.
+        """
         for chunk in rows:
             if chunk not in self.vectors:
                 self.vectors[chunk] = joined(self.p, [(self.reciprocals[row], 0) for row in chunk])
@@ -164,7 +167,10 @@ class Inverse:
         return solution
 
     def read(self, rows: Rows) -> None:
-        """Gather the entries of each column of the inverse to vectors, one for each vector of unknowns in `rows`."""
+        """Gather the entries of each column of the inverse to vectors, one for each vector of unknowns.
+
+        `rows` has for each vector the indices of its unknowns, by lane.
+        """
         for chunk in rows:
             for j in range(self.size):
                 if (chunk, j) not in self.columns:
@@ -228,7 +234,10 @@ class InverseInMemory:
 
 
 class FactoredSystem:
-    """A linear system solved by the factors of each block of its matrix, with pivoting if a pivot is too small."""
+    """A linear system solved by the factors of each block of its matrix.
+
+    A block with a pivot that is too small is factored with pivoting.
+    """
 
     def __init__(self, p: Builder, blocks: Sequence[_FactoredBlock], size: int) -> None:
         self.p, self.blocks, self.size = p, blocks, size

@@ -56,7 +56,10 @@ class SeriesNumbers:
         return self.program.constants.parameters - self.program.sides
 
     def prepare(self) -> Procedure:
-        """Return the procedure that writes the numbers of the series after the parameters in the prepared array."""
+        """Return the procedure that computes the numbers of the series from the parameters, and writes them.
+
+        Its argument is the prepared array, which begins with the parameters.
+        """
         program = self.program
         p = Builder("prepare_taylor", "Write the numbers of the series. Return True if a constant matrix is singular.")
         held = p.array("p", size=self.begin + self.size)
@@ -128,7 +131,10 @@ class SeriesNumbers:
         return value
 
     def systems(self, p: Builder, prepared: Memory) -> Iterator[LinearSystem | None]:
-        """Yield for each linear system its solver by the inverse in `prepared`, or None if its matrix varies."""
+        """Yield for each linear system of the series: its solver if its matrix is constant, else None.
+
+        The solver uses the inverse of the matrix, which is stored in `prepared`.
+        """
         begin = self.begin + self.inverses
         for stage in self.program.stages:
             if stage.plan.moving:
@@ -195,7 +201,10 @@ class Start(Body):
         self.run(range(hoisted, len(code)))
 
     def find_angles(self, angles: Sequence[int], most: int) -> None:
-        """Add sines and cosines of the angles that the instructions `angles` compute, up to `most` angles together."""
+        """Add the sines and cosines of known angles, up to `most` angles together.
+
+        `angles` are the indices of the instructions that compute the angles.
+        """
         while len(angles) > 1:
             width = min(most, 1 << (len(angles) - 1).bit_length())
             taken, angles = angles[:width], angles[width:]

@@ -315,7 +315,10 @@ class _Packer:
         return rule
 
     def at(self, value: int) -> int:
-        """Return the position of a series value among the packed values. Values not packed yet come after these."""
+        """Return the position of a series value among the packed values.
+
+        A value that is not packed yet has a position after all packed ones.
+        """
         return self.position.get(value, len(self.program.rules) + value)
 
 

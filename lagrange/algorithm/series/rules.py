@@ -104,7 +104,10 @@ def scaled(at: ChunkAt, x: Term, number: int = 0) -> Term:
 
 
 def coefficient(at: ChunkAt) -> Term:
-    """Return the Taylor coefficients of a chunk at the present order, by its rule; None for zero."""
+    """Return the Taylor coefficients of a chunk's values at the present order, by the rule of the chunk.
+
+    `at` reads the inputs of the rule. None means zero.
+    """
     return _RULES[at.chunk.op](at)
 
 
@@ -294,7 +297,9 @@ Pair = tuple[Operand, Operand]
 """The factors x and y of a sum of x[j] y[k-j] over 0 < j < k."""
 
 TILE = 24
-"""Largest number of sums in one loop: 24 of 32 vector registers are accumulators, the others hold factors."""
+"""Largest number of sums that one loop computes: their accumulators take 24 of 32 vector registers; the others hold
+factors.
+"""
 
 
 class OrderSum(NamedTuple):

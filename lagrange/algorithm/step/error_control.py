@@ -91,7 +91,10 @@ def error_norm(arguments: Running, *, layout: Layout, control: Control) -> float
 
 @inline
 def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ...]:
-    """Return the error vectors of state vector number `state` in `work`: two for the norm of DOP853, else one."""
+    """Return the error vectors of state vector number `state`, parts of `work`.
+
+    There are two vectors for the norm of DOP853, otherwise one.
+    """
     step = layout.step
     return tuple([work[layout.place(layout.errors + k) :] for k in unrolled(state, len(step.errors), step.states)])
 
@@ -103,8 +106,8 @@ def reject(arguments: Running, cause: float, h: float, moved: bool, *, layout: L
     If so, the run stops, and the caller estimates the sizes of the state's entries, from which absolute tolerances
     follow. `cause` is the `Outcome` of the trial. Sizes are needed after several consecutive rejections, or if an
     entry has no size yet. If the trial `moved` the state, an entry that stayed zero does not count. Sizes are also
-    needed at the first, second, fourth, eighth, ... rejection if the entry with the largest error may be rounding of
-    larger entries (`ROUNDED`).
+    needed at the first, second, fourth, eighth, ... rejection if the entry with the largest error may be the
+    rounding of larger entries, as defined at `ROUNDED`.
     """
     run, counts, floors, work = arguments.run, arguments.counts, arguments.floors, arguments.work
     run.cause = cause
@@ -160,7 +163,10 @@ def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> boo
 
 @inline
 def raise_floors(share: float, floors: Out, work: In, layout: Layout) -> None:
-    """Raise the floor (absolute tolerance) of each entry to `share` times its magnitude in the new state in `work`."""
+    """Raise the floor (absolute tolerance) of each entry to at least `share` times its magnitude.
+
+    The new state of a trial step, from which the magnitudes are taken, is in `work`.
+    """
     single = layout.step.states == 1
     for state in unrolled(layout.step.states):
         new, floor = work[layout.place(layout.new + state) :], floors[state * layout.length :]
@@ -169,7 +175,9 @@ def raise_floors(share: float, floors: Out, work: In, layout: Layout) -> None:
 
 
 SHORTEST_LAST_STEP = 1e-6
-"""A last step below this fraction of the step length comes from rounding, and is merged with the previous step."""
+"""A last step below this fraction of the step length is due to rounding of the grid of times. Such a step is merged
+with the previous step.
+"""
 
 UNROLLED_TEST = 2
 """Largest number of blocks of a vector for which the test for finite entries is written out."""
@@ -269,7 +277,9 @@ LARGEST_RETRY = 0.95
 """Upper bound of the factor of the step length after a rejection by the error norm."""
 
 LEAST_NORM, LEAST_PREVIOUS = 1e-10, 1e-4
-"""Lower bounds of the error norm, and of the previous error norm: an error of zero predicts nothing."""
+"""Lower bounds of the error norm, and of the previous error norm. A step without an error does not predict the error of
+the next step.
+"""
 
 PI_SHARE = 0.75
 """PI control: the exponent of the current norm is 1/k - `PI_SHARE` * memory. So the step length still follows the norm

@@ -48,7 +48,9 @@ step. It is positive because Newton's method has to converge to an error below t
 """
 
 LEAST_SPACINGS = 64.0
-"""The first step, only an estimate, is at least this multiple of the shortest step, which would end the run."""
+"""The first step is at least this multiple of the shortest step. The first step is only an estimate, and must not end
+the run as too small.
+"""
 
 NEEDS_SIZES = -1.0
 """Result of `first_step` if the caller has to estimate the sizes of the entries first."""

@@ -32,7 +32,8 @@ MATRIX_AGE = 3
 ROUND_OFF_FRACTION = 2.0**-6
 """Largest error of an unknown after a fixed step, as a fraction of its rounding error. The error has the same sign at
 every step and adds up: with a fraction of 1, galerkin6 drifts 15 times as much. This fraction costs up to a quarter
-more evaluations, and a second correction of very short steps.
+more evaluations, and a second correction of very short steps. Two corrections in a row at rounding level end the
+iteration.
 """
 
 TOLERANCE_FRACTION = 0.02
@@ -73,7 +74,9 @@ STAGNATION_NORM, STAGNATION_RATE = 2.0**10, 0.5
 """
 
 DIVERGENCE_GROWTH = 2.0
-"""Newton's iteration ends if large corrections with a new matrix grow by this factor, to avoid another root."""
+"""Newton's iteration ends if large corrections, with a new matrix, grow by this factor. A further iteration might
+converge to another root.
+"""
 
 NOISE_DECAY = 0.9
 """The observed round-off level decays by this factor per step."""

@@ -18,7 +18,9 @@ from lagrange.program.program import Program
 from lagrange.program.step import LAWS, Combination, LawCall, in_doubles, parts
 
 Registers = Mapping[int, Sequence[float]]
-"""Entries of vectors that have just been computed, by number of the vector, to save the time of reading memory."""
+"""Entries of vectors that have just been computed, by number of the vector. Reading them from memory would take some
+processor cycles.
+"""
 
 NO_REGISTERS: Registers = {}
 """Registers before any evaluation: empty."""
@@ -52,7 +54,10 @@ def vectors_of(
 
 @inline
 def evaluated(program: Program, t: float, h: float, ratio: float) -> list[float]:
-    """Return the results of a program of the time t, the step length h, and the `ratio` of h to the previous length."""
+    """Return the results of a straight-line program whose inputs are three numbers.
+
+    The numbers are the time t, the step length h, and the `ratio` of h to the length of the previous step.
+    """
     values: list[float] = []
     for instruction in program.instructions:
         if instruction.op == "time":

@@ -190,7 +190,8 @@ def largest_term(c: In, count: int, s: float) -> float:
 
 
 ZERO_ROUND_OFF = 64 * 2.0**-52
-"""Largest value, relative to the sum of its terms, of a function that counts as zero at another function's zero."""
+"""Largest value of a function, relative to the sum of its terms, that counts as zero at the zero of another function.
+"""
 
 
 @procedure(noinline=True)
@@ -358,7 +359,10 @@ def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> floa
 
 @inline
 def used_count(c: Readable[float], order: int) -> int:
-    """Return the number of coefficients c of orders 0 to `order`, without zeros at the end; at least `LEAST_COUNT`."""
+    """Return the number of coefficients c up to the last nonzero one, at least `LEAST_COUNT`.
+
+    The series has the coefficients of the orders 0 to `order`.
+    """
     count = order + 1
     while count > LEAST_COUNT and c[count - 1] == 0.0:
         count -= 1
@@ -392,7 +396,10 @@ def column_of(view: WatchedView, i: int) -> tuple[bool, In]:
 
 @inline
 def terms_of(view: WatchedView, i: int) -> tuple[Out, Out, Out]:
-    """Return the arrays that `event_terms` writes for watched function i on a step: terms, slopes and sums."""
+    """Return three arrays in scratch memory for watched function i: its terms, slopes and sums on a step.
+
+    These are the arrays that `event_terms` writes.
+    """
     return view.terms[i * PADDED :], view.slopes[i * PADDED :], view.sums[i * len(TERM_SUMS) :]
 
 

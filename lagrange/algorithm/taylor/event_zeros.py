@@ -143,7 +143,9 @@ def find_zeros(
 
 
 CLOSE_ROOTS = 8.0
-"""Zeros of one function closer than this multiple of the distance of simultaneous zeros count as one zero."""
+"""Distance of two zeros of one function below which they are one zero, as a multiple of the distance of simultaneous
+zeros.
+"""
 
 MOST_BALANCING = 200
 """Largest number of halvings of a step until the low powers of watched functions dominate."""
@@ -364,7 +366,10 @@ def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched
 
 @inline
 def limited_to(far: float, length: float, which: int, watch: Watch) -> float:
-    """Return the smaller of two lengths. If it is `far`, record that watched function `which` limits the step."""
+    """Return the smaller of two lengths, `far` and `length`.
+
+    If `far` is smaller, record that watched function number `which` limits the step.
+    """
     watch.limiting = which if far < length else watch.limiting
     return smaller(length, far)
 
@@ -417,7 +422,10 @@ def count_before(zeros: Zeros, count: int, time: float) -> int:
 
 @inline
 def simultaneous(step: InspectedStep, at: float) -> float:
-    """Return the distance, in units of the time scale, within which zeros near the time `at` are simultaneous."""
+    """Return the time within which zeros near the time `at` of a step count as simultaneous.
+
+    Both times are in units of the time scale.
+    """
     return TOGETHER * larger(abs(step.t / step.scale), at)
 
 

@@ -35,10 +35,11 @@ LOWEST_ORDER = 4
 """Lowest order of a Taylor series for steps."""
 
 RADIUS_FRACTION = -1.0
-"""Binary logarithm of the largest step as a fraction of the estimated radius of convergence. Far from a wall exp(200 (x
-- 1)) the last rows are below all tolerances, and only the radius shows the wall. Systems with constraints and without
-such functions have no bound. Near a crossing of two motions, a violation e of the constraints by rounding is a term
-like e / t in the time t to the crossing. It gives the radius t, and steps of half of t would never pass the crossing.
+"""log2 of the largest step as a fraction of the estimated radius of convergence. The bound holds even if the last rows
+are tiny: far from a wall exp(200 (x - 1)) the rows are below all tolerances, and only their growth shows the wall.
+There is no such bound for systems with constraints and without such functions. At a crossing of two motions, a
+violation e of the constraints, from rounding, is a term like e / t in the time t to the crossing. The rows then grow
+with the radius t from below rounding. Steps of half of that radius would never pass the crossing.
 """
 
 ROW_DISTANCE = 4
@@ -52,10 +53,14 @@ defect is tested at `PROBES` points along it.
 """
 
 EVENT_SLACK = 64.0
-"""Truncation error of an event function's series, in units of the state's tolerance: functions may contain products."""
+"""Truncation error of an event function's series, in units of the state's tolerance. It is above 1, because the
+function may contain products.
+"""
 
 MOST_SURFACES = 3
-"""Largest number of switching surfaces that the loop crosses: it has numbers for all combinations of their signs."""
+"""Largest number of switching surfaces that the loop crosses itself. The numbers for all combinations of signs are
+stored.
+"""
 
 
 JET = Callee((REAL, REAL, READ, READ, READ, Array(), WHOLE), (FLAG,))

@@ -74,9 +74,10 @@ nonzero one may be small by chance. Row k of a series of radius r gives the step
 needed because the rows of an entire function decrease faster and faster.
 
 Rows below half of the order are not used. If a velocity is zero, its tolerance is relative to its first coefficient,
-and such a row gives the unit of time, which follows the step: at order 4 and a tolerance of 1e-12 no step would be long
-enough. If the order p is low for the tolerance, the row before the last would give steps like tolerance**(1/(p - 1)),
-18 times as many as tolerance**(1/p) at order 4 and 1e-15. So its radius is used at order p, less `GUARD`.
+and such a row gives the unit of time, which follows the step. At order 4 and a tolerance of 1e-12 no step would be long
+enough. If the order p is low for the tolerance, the row before the last would give steps like tolerance**(1/(p - 1)).
+These are 18 times as many as tolerance**(1/p) at order 4 and 1e-15. So the radius of that row is used at the last
+order, less `GUARD`.
 """
 
 ZERO, ZERO_BOUND = -900.0, -800.0

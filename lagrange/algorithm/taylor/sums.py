@@ -54,7 +54,9 @@ def advance(s: float, longer: float, work: Out, order: int, *, layout: TaylorLay
 
 
 FIRST = (1, 2, 3, 4)
-"""First orders of four partial sums of a series in powers of s**4, which take a quarter of the time of one sum."""
+"""First orders of four partial sums of a series, each in powers of s**4. Four partial sums take a quarter of the time
+of one sum.
+"""
 
 
 @inline
@@ -66,7 +68,10 @@ def powers_of(s: float) -> tuple[float, float, float]:
 
 @inline
 def series_sum(work: In, order: int, powers: tuple[float, float, float], i: int, layout: TaylorLayout) -> float:
-    """Return the sum of x[k] s**k over 0 < k <= order for entry i of the state; `powers` are s, s**2 and s**4."""
+    """Return the sum of x[k] s**k over 0 < k <= order, where x[k] are the coefficients of entry i of the state.
+
+    `powers` are s, s**2 and s**4.
+    """
     if layout.chains:
         return chained_sum(work, order, powers, i, layout)
     return horner(work, order, powers[0], i, layout)[0]

@@ -200,7 +200,8 @@ class Watched:
     switch_rows: WholesOut
     switch_combinations: WholesOut
     scratch: Out
-    """Scratch memory of reals, with the parts `REALS`. Its size grows with the functions: it is not on the stack."""
+    """Scratch memory of reals, with the parts `REALS`. It grows with the watched functions, so it is not on the stack.
+    """
 
     whole_scratch: WholesOut
     """Scratch memory of whole numbers, with the parts `WHOLES`."""
@@ -279,7 +280,10 @@ class WatchedView:
 
     @inline
     def write_event(self, slot: int, t: float, index: int) -> Any:
-        """Write the time t and the function `index` of event number `slot`. Return the array for its state."""
+        """Write the time t and the function `index` of event number `slot`. Return the array for its state.
+
+        The caller writes the state to this array.
+        """
         self.watched.event_times[slot] = t
         self.watched.event_places[slot] = index
         return self.watched.event_states[slot * self.layout.dimension :]

@@ -145,7 +145,9 @@ define i32 @probe(double %t, ptr %y, ptr %p, ptr %out) {
   ret i32 0
 }
 """
-"""Kernel for a trial call: it returns the time, and the last minus the first of four entries of a state."""
+"""Kernel for a trial call. Its results are the time, and the difference of the last and the first entry of a state of
+four.
+"""
 
 MOST_STATE = 4096
 """Largest number of inputs for which a call joins q and v on the stack."""

@@ -71,7 +71,10 @@ def fit(dimension: int) -> bool:
 
 
 def in_registers(program: Program) -> bool:
-    """Return True if a program has a kernel with its state in registers: steps call it, and the state is small."""
+    """Return True if a program has a kernel that takes its state in registers.
+
+    Such a program is called by the steps of methods, and its state is small.
+    """
     return bool(program.returned) and fit(program.states)
 
 

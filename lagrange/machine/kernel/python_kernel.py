@@ -38,7 +38,9 @@ FEW_STATES = 16
 """Below this number of states, calls of a function for one state are faster than one call for all."""
 
 PASSING_ROWS = 3
-"""Number of rows in the cache beside the working rows: an operation reads two rows and writes one."""
+"""Number of rows of inputs and results that are in the cache in addition to the working rows. An operation reads two
+rows and writes one.
+"""
 
 FUNCTIONS: dict[str, Any] = {
     **{elementary.name: elementary.of_float for elementary in ELEMENTARY.values()},

@@ -32,7 +32,9 @@ STYLE = Style(largest=LARGEST_IN_PYTHON, substituted=1_000_000, systems=1, pivot
 """Style for straight lines: all systems are written out. The interpreter solves systems that need pivoting."""
 
 MOST_ADDED = 12
-"""Largest number of results that are added one by one to test if they are finite; for more, `sum` is faster."""
+"""Largest number of results that are added one by one to test whether they are finite. For more results a sum over a
+tuple is faster.
+"""
 
 UFUNCS: Mapping[str, str] = {
     **{op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)},
@@ -195,9 +197,10 @@ class _Floats(Printer):
         self.give(results)
 
     def refuse(self, singular: int) -> None:
-        """Print an early return, taken if a pivot is too small; `singular` is the id of the flag for such a pivot.
+        """Print an early return, taken if a pivot is too small.
 
-        If the flag depends only on parameters, the outer function returns None instead.
+        `singular` is the id of the flag for such a pivot. The early return gives the value `failure`. If the flag
+        depends only on parameters, the outer function returns None instead.
         """
         if singular in self.fixed:
             if singular not in self.constants:
@@ -337,7 +340,10 @@ class _RowPrinter(_Floats):
                 self.operation_on_rows(let, texts)
 
     def operation_on_rows(self, let: form.Let, texts: Sequence[str]) -> None:
-        """Print the operation `let`, whose operands have the names `texts` and whose result is a row of numbers."""
+        """Print an operation on rows whose result is a row of numbers.
+
+        `let` is the operation, and `texts` are the names of its operands.
+        """
         a, *others = texts
         match let.op:
             case "fma" | "fnma":

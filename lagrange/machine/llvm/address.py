@@ -34,7 +34,9 @@ by_layout = sys.implementation.name == "cpython" and all(
 """True if an array's data pointer follows the object header, as NumPy's C interface documents."""
 
 address = _by_layout if by_layout else _by_attribute
-"""Function that returns the address of an array's first number, valid while the array stays referenced."""
+"""Function that returns the address of an array's first number. The array must stay referenced while the address is
+used.
+"""
 
 
 def workspace(count: int) -> NDArray[np.float64]:

@@ -30,7 +30,10 @@ smaller.
 
 
 class Emitter:
-    """Collects the body of one LLVM function as text. Names are numbered, so that the same calls give the same text."""
+    """Collects the body of one LLVM function as text, with numbered names.
+
+    The same calls therefore produce the same text.
+    """
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -77,7 +80,10 @@ class Emitter:
         self.lines.append("  " + text)
 
     def reserve(self, kind: str, count: int = 1) -> str:
-        """Return a pointer to stack memory for `count` elements of type `kind`, reserved at the function's entry."""
+        """Return a pointer to stack memory for `count` elements of the type `kind`.
+
+        The memory is reserved once, at the function's entry.
+        """
         name = "%" + self.fresh("m")
         self.entry.append(f"  {name} = alloca {kind if count == 1 else f'[{count} x {kind}]'}, align 64")
         return name
@@ -97,7 +103,10 @@ class Emitter:
         return base if index in (0, "0") else self.value(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
 
     def load(self, pointer: str, kind: str = "double") -> str:
-        """Emit a load of the type `kind`, aligned as its elements, and return the name of the loaded value."""
+        """Emit a load of the type `kind` from a pointer, and return the name of the loaded value.
+
+        Vectors need the alignment of their elements only.
+        """
         loaded = self.value(f"load {kind}, ptr {pointer}, align 8")
         self.accesses += 1
         return loaded

@@ -97,7 +97,10 @@ No right-hand side of a scene is that large.
 
 
 def dense_solver() -> tuple[Procedure, ...]:
-    """Return the procedures that factor matrices and solve linear systems, for kernels that call them."""
+    """Return the procedures that factor matrices and solve linear systems, for kernels that call them.
+
+    Their module is compiled once per process.
+    """
     return factor_pivoted.form(), solve_pivoted.form(), factor_dense.form(), solve_factored.form(), invert_dense.form()
 
 
@@ -192,7 +195,10 @@ def _loaded(code: bytes) -> _Engine:
 
 
 def _optimize(module: Any, machine: Any) -> None:
-    """Run LLVM's optimization passes on a parsed module, without loop passes, which take most of the compile time."""
+    """Run LLVM's optimization passes on a parsed module, except those that transform loops.
+
+    Loop passes took most of the compile time.
+    """
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.loop_unrolling = False
     options.loop_vectorization = options.loop_interleaving = False
@@ -316,7 +322,10 @@ _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 @lru_cache(maxsize=256)
 def _function_at(code_address: int) -> Any:
-    """Return the ctypes function at a code address, from a cache: creating it takes about as long as a call."""
+    """Return the function at a code address as a ctypes function, from a cache.
+
+    To make such an object takes about as long as a call.
+    """
     return _CALL(code_address)
 
 

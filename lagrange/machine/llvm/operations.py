@@ -39,7 +39,10 @@ _CONVERTED = {("real", WHOLE): "sitofp", ("real", FLAG): "uitofp", ("whole", REA
 
 
 def type_of(kind: Kind, lanes: int = 1) -> str:
-    """Return LLVM's type of a real, whole number or flag; for `lanes` above 1, of a vector with `lanes` of them."""
+    """Return LLVM's type of values of a kind: a real, a whole number or a flag.
+
+    For `lanes` above 1 the result is the type of a vector with `lanes` values.
+    """
     return KINDS[kind] if lanes == 1 else f"<{lanes} x {KINDS[kind]}>"
 
 
@@ -219,7 +222,10 @@ def convention(results: Sequence[Type]) -> str:
 
 
 def together(types: Sequence[str]) -> str:
-    """Return the LLVM type of a function's results: a structure of `types`, the type of a single result, or void."""
+    """Return one LLVM type for several results of a function: a structure of `types`.
+
+    For one result it is the type of the result, and for none it is void.
+    """
     return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
 
 

@@ -216,7 +216,10 @@ class Printer(Visitor):
         return array_type
 
     def lanes(self, ref: int) -> int:
-        """Return the number of iterations that the value or variable `ref` holds as one vector; 1 for one number."""
+        """Return the number of entries of the value or variable with the id `ref`.
+
+        The result is the number of iterations that are printed as one vector, or 1 for a single number.
+        """
         return self.current.lanes if self.current is not None and ref in self.wide else 1
 
     def llvm_type(self, ref: int) -> str:
@@ -225,7 +228,10 @@ class Printer(Visitor):
         return type_of(*kind) if isinstance(kind, Vector) else type_of(self.kinds[ref], self.lanes(ref))
 
     def operand(self, ref: int, lanes: int) -> str:
-        """Return the operand of the value with the id `ref` as `lanes` entries; a single number is broadcast."""
+        """Return the operand of the value with the id `ref`, as a vector of `lanes` entries.
+
+        A single number is broadcast.
+        """
         if self.current is not None and ref == self.current.each.place:
             return self.current.indices
         if lanes == 1 or ref in self.wide:

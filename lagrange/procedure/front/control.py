@@ -63,7 +63,10 @@ def kind_of(value: Any) -> Kind | None:
 
 
 def common_kind(values: Sequence[Any]) -> Kind | None:
-    """Return the kind that numbers have in common (integers count as reals beside a real), or None."""
+    """Return the kind that numbers have in common, or None.
+
+    Python integers count as reals if a real is among the numbers.
+    """
     kinds = {kind_of(value) for value in values}
     if kinds == {REAL, WHOLE} and not any(isinstance(value, Whole) for value in values):
         return REAL
@@ -379,7 +382,8 @@ class EachBlock(Block):
         self.folds: dict[int, tuple[str, Real]] = {}
         self.index: Value | None = None
         self.visits: list[tuple[int, int, bool, bool]] = []
-        """For each access: the whole array, the part, True at the loop index, and True if the element is written."""
+        """For each access: the whole array, the part, True if the index is the loop index, and True if it is written.
+        """
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
         """Return `values`, the values of the Python names `names` inside an iteration.

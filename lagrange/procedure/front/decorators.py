@@ -257,7 +257,10 @@ class Inline(PlainFunction[Args, Result]):
 
 
 class Plain(PlainFunction[Args, Result]):
-    """A plain function as a procedure: `form(**known)` builds it for values of its parameters after `*`."""
+    """A procedure written as a plain function.
+
+    Parameters after `*` are static: `form(**known)` builds it for their values.
+    """
 
     def __init__(
         self, function: Callable[Args, Result], *, noinline: bool, types: Mapping[str, Callable[..., Any]]

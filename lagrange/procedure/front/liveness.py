@@ -109,7 +109,10 @@ def loaded(nodes: Iterable[ast.AST]) -> Names:
 
 
 def stored(nodes: Iterable[ast.AST]) -> list[str]:
-    """Return the names that syntax nodes set, in order, except names that inner functions and comprehensions set."""
+    """Return the names that nodes of the syntax tree set, in order, without those of inner functions.
+
+    Targets of comprehensions are not included either.
+    """
     return list(dict.fromkeys([name for node in nodes for name in mentions(node).stored]))
 
 
