@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy
 
 import lagrange as lg
 from lagrange.errors import StatementError
@@ -164,7 +165,7 @@ def test_a_registered_name_works_everywhere(capsys: pytest.CaptureFixture[str]) 
 
 
 def test_a_tableau_is_registered_with_its_step_control() -> None:
-    register("ralston", tableau([[0, 0], ["2/3", 0]], ["1/4", "3/4"], order=2, embedded=[1, 0]))
+    register("ralston", tableau([[0, 0], ["2/3", 0]], ["1/4", "3/4"], order=2, embedded=sympy.Matrix([1, 0])))
     compiled = model("double pendulum")
     error = np.abs(run(compiled, 1.0, "ralston", rtol=1e-6).y[:, -1] - exact(compiled, 1.0).y[:, -1]).max()
     assert find("ralston").name == "ralston" and find("ralston").claims.adaptive and error < 1e-4

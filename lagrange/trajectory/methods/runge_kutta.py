@@ -11,12 +11,11 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-import sympy
 
 from lagrange.errors import StatementError, shown
 from lagrange.program.step import StepProgram, trace
 from lagrange.program.step_size_control import Control
-from lagrange.statement.expression import MOST_ENTRIES, entries, one_of, text, whole_number
+from lagrange.statement.expression import entries, one_of, text, whole_number
 from lagrange.trajectory.dense_output import StepPath, hermite_path, stages_polynomial, step_path
 from lagrange.trajectory.integrator import Claims, Problem, built_in, method_repr
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options, fixed_settings
@@ -193,7 +192,7 @@ def tableau(
     second solution, of `embedded_order` or by default one less than `order`: the method then controls its steps by the
     difference. Raises StatementError with the condition that fails.
     """
-    listed = _listed(text(name, "name"), A)
+    listed = entries(A, f"the matrix A of the tableau {shown(text(name, 'name'))}")
     if listed is None:
         raise StatementError(f"the tableau {shown(name)} has A = {shown(A)}: give its rows, each a list.")
     lines = [_entries(name, line) for line in listed]
@@ -220,20 +219,13 @@ def tableau(
     return method.hermite()
 
 
-def _listed(name: str, array: Any) -> list[Any] | None:
-    """Return the rows of a matrix, or the entries of a row, as lists, or None for an argument that is neither."""
-    if isinstance(array, (np.ndarray, sympy.MatrixBase)) and len(array.shape) == 2 and max(array.shape) <= MOST_ENTRIES:
-        return list(array.tolist())
-    return entries(array, f"a row of the tableau {shown(name)}")
-
-
 def _entries(name: str, line: Any) -> Coefficients:
-    listed = _listed(name, line)
+    listed = entries(line, f"a row of the tableau {shown(name)}")
     try:
-        entries = tuple(x if isinstance(x, float) else _fraction(x) for x in ([line] if listed is None else listed))
-        for entry in entries:
+        row = tuple(x if isinstance(x, float) else _fraction(x) for x in ([line] if listed is None else listed))
+        for entry in row:
             float(entry)  # A fraction may be outside of the range of doubles.
-        return entries
+        return row
     except (TypeError, ValueError, ArithmeticError) as error:
         raise StatementError(
             f"the tableau {shown(name)} has an entry that is not a number ({error}): give numbers, or text such as "
