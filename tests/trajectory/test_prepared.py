@@ -14,6 +14,7 @@ import sympy
 import sympy as sp
 
 import lagrange as lg
+from lagrange.algorithm.constants import FIRST_SHARE
 from lagrange.errors import StatementError
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
@@ -251,6 +252,14 @@ def test_the_first_step_is_less_than_two_growths_away(name: str, method: str, rt
         steps = np.diff(result.t)
         assert len(steps) >= 3
         assert steps[2] < 0.9 * MOST_GROWTH**2 * steps[0]
+
+
+@pytest.mark.parametrize("height", [0.01, 0.1])
+def test_the_first_step_of_a_thrown_ball_is_a_fraction_of_the_time_to_the_top(height: float) -> None:
+    """Its acceleration is constant: the change of the velocity says how long a step is, and not the height."""
+    thrown = lg.System(x.dot**2 / 2, 2 * x, initial={x: height, x.dot: 3}).compile()
+    thrown_run = lg.integrate(thrown, (0.0, 1.0), method="dop853", rtol=1e-8, atol=1e-300)
+    assert thrown_run.t[1] == pytest.approx(1.5 * (FIRST_SHARE * 1e-8) ** (1 / 8), rel=1e-12)
 
 
 # --- runs with events -----------------------------------------------------------------------------------------
