@@ -359,7 +359,9 @@ def test_a_slip_of_round_off_that_closing_the_gap_turns_around_is_at_rest() -> N
     angle, mode = np.radians(75), Mode(("open",), (None,))
     place = [0.0, np.sin(angle), angle]
     # The largest velocities so far say what is round-off of a gap rate and a slip.
-    kinematics.at(0.0, np.array([*place, 1.0, 0.0, 0.0]))
+    noise = kinematics.at(0.0, np.array([*place, 1.0, 0.0, 0.0])).velocity_noise
+    rounding = kinematics.at(0.0, np.array([*place, *(0.1 * noise)]))
+    assert not transitions.after(rounding, mode, ModeEnd()).y[4:].any()
     slip, rate = -1.01e-11, 0.99e-11
     for sign in (1, -1):
         touch = kinematics.at(0.0, np.array([*place, slip, sign * rate, 0.0]))
