@@ -20,6 +20,7 @@ from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.coordinate import coordinates
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.implicit import BITS, ImplicitMethod, gauss_tableau
+from lagrange.trajectory.methods.radau import continued
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.splitting import Splitting, composition
 from lagrange.trajectory.methods.taylor import Taylor
@@ -148,6 +149,12 @@ def test_gauss_integrates_twice_as_many_powers_as_it_has_stages(stages: int) -> 
     assert moments(b, c, Fraction(1), 2 * stages + 1)[-1] > Fraction(1, 10**7)
     assert max(miss for row, end in zip(A, c, strict=True) for miss in moments(row, c, end, stages)) < CLOSE
     assert [float(x) for x in c] == pytest.approx((1 + np.polynomial.legendre.leggauss(stages)[0]) / 2, rel=1e-15)
+
+
+def test_first_guesses_of_radau_continue_a_polynomial_of_the_last_step() -> None:
+    points, following = (0.0, 0.3, 0.6, 1.0), (0.25, 1.0)
+    guesses = continued(points, following, 2.0, [s**3 - 2 * s for s in points])
+    assert guesses == pytest.approx([s**3 - 2 * s for s in (1.5, 3.0)])
 
 
 # --- rounding errors of long runs -----------------------------------------------------------------------------
