@@ -121,6 +121,18 @@ def told(machine: Any, c: Any, s: float, sign: int, noise: float) -> tuple[int, 
     return answer, s * float(machine.called(only_passage.form())(terms, slopes, sums, order, answer))
 
 
+@pytest.mark.parametrize("order", [4, 5])
+@pytest.mark.parametrize("machine", MACHINES, ids=("llvm", "numpy"))
+def test_terms_rates_and_their_sums_on_a_step_are_exact(machine: Any, order: int) -> None:
+    k, c = np.arange(order + 1), np.array([3.0, -5.0, 7.0, 11.0, -13.0, 17.0])[: order + 1]
+    values, rates, sums = np.empty(PADDED), np.empty(PADDED), np.empty(len(TERM_SUMS))
+    machine.called(event_terms.form())(c, 1, order, 2.0, values, rates, sums)
+    terms, slopes = c * 2.0**k, k * c * 2.0**k
+    late = abs(terms[2:]).sum(), abs(slopes[2:]).sum()
+    assert [*values[: order + 1], *rates[:order]] == [*terms, *slopes[1:]]
+    assert [*sums] == [*late, terms.sum(), slopes.sum(), abs(terms[-2:]).max()]
+
+
 @pytest.mark.few(1)
 @pytest.mark.parametrize("machine", MACHINES, ids=("llvm", "numpy"))
 @pytest.mark.parametrize("seed", range(2))
