@@ -206,6 +206,14 @@ def test_an_implicit_step_without_a_solution_names_the_surface_that_holds_a_body
     assert "jump where x_dot is zero" in result.message and "from both sides" in result.message
 
 
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_a_motion_faster_than_the_spacing_of_times_ends_at_once(method: str) -> None:
+    """At t = 1e9 doubles are 1.2e-7 apart, and a period is 6e-9."""
+    fast = lg.System(kinetic=x.dot**2 / 2, potential=10**18 * x**2 / 2, initial={x: 1}).compile()
+    result = lg.integrate(fast, (1e9, 1e9 + 1), method=method, max_steps=100)
+    assert result.status is lg.Status.STEP_TOO_SMALL
+
+
 @pytest.mark.parametrize("method", [name for name in ("scipy-lsoda", "scipy-dop853") if name in OUTSIDE])
 def test_an_entry_without_a_tolerance_is_named(method: str) -> None:
     failed = OSCILLATOR.run(5, method=method, rtol=1e-9, atol=0.0)
