@@ -68,7 +68,8 @@ def test_a_parameter_array_says_no_more_than_a_dict_may() -> None:
         (np.nan, "parameter k is nan"),
         (-1.0, "parameter k is -1, but its symbol was declared positi"),
     ):
-        for given in (np.array([1.0, wrong]), {"m": 1.0, "k": wrong}):
+        columns = np.array([[1.0, 1.0], [1.0, wrong]])
+        for given in (columns[:, 1], columns, {"m": 1.0, "k": wrong}):
             with pytest.raises(lg.StatementError, match=words):
                 model().rhs(0.0, np.zeros(4), given)
 
