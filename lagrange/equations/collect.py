@@ -77,9 +77,10 @@ def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
 
 
 def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
-    """Return a sum of monomials in which terms are merged that differ only in powers of a factor and of its symbols.
+    """Return the sum `terms`, shortened by merging terms that contain different powers of one factor.
 
-    The factor is a sum such as (x + y), and has the index `k`. Terms are merged only if fewer terms result.
+    The factor is a sum such as s = x + y, and has the index `k` in the algebra. Terms that differ only in powers of s,
+    x and y are merged if fewer terms result: x/s + y/s becomes 1.
     """
     inside = algebra.free(k)
     groups: dict[Any, MonomialSum] = {}

@@ -260,17 +260,18 @@ def _dot(a: Sequence[Node], b: Sequence[Node]) -> Node:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """All equations of one system, as nodes of one graph.
+    """All equations of one system, as nodes of one graph: M a = h + G^T lambda, and G a + gamma = 0.
 
     - `q`, `v` and `parameters` are symbols: n, n and k of them. `leaves` maps the statement's SymPy symbols to nodes.
-    - `rate` (dq/dt), `momenta`, `forces`, `bias` and `accelerations` have n entries; `mass` has n rows.
+    - `rate` (dq/dt), `momenta` (dL/dv), `forces` (dL/dq + Q - dD/dv), `bias` (h) and `accelerations` (a) have n entries
+      each. `mass` has the n rows of M.
     - `stated` are the constraints of the statement, and `multipliers` their multipliers.
-    - `constraints` are the constraints that are solved, and `impulses` their multipliers. Redundant constraints are
-      left out. The relations of coordinates without inertia, whose indices are `first_order`, are added.
-    - `motion` is the form that is solved. If M is singular, `motion` has other momenta, and so another M.
+    - `constraints` are the constraints that are solved, and `impulses` their multipliers lambda. Redundant constraints
+      are left out. The relations of coordinates without inertia, whose indices are `first_order`, are added.
+    - `motion` has momenta, forces and h as solved. If M is singular, terms that vanish on the constraints are added.
     - `matrix` is the M of `motion`, or with constraints [[M, G^T], [G, 0]]. `plan` solves linear systems with it. The
       unknowns are the accelerations, followed by `impulses` with the opposite sign.
-    - `turning` are the equations in rates of bodies, None without rotations or with constraints.
+    - `turning` are the equations in angular velocities of bodies, None without rotations or with constraints.
     """
 
     graph: Graph

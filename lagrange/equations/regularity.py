@@ -124,7 +124,7 @@ def _multipliers(equations: Equations, system_name: str, constraint_names: Seque
 
 
 RANDOM_STATES = 8
-"""Number of random states, and of states near the initial one, for the test of the rank. One regular state suffices."""
+"""Number of random states tested, and of states near the initial one. One with determined accelerations suffices."""
 
 NEAR_ATTEMPT = 4  # Attempt of the sampler at which its points are about 3 % away from the initial state
 

@@ -532,10 +532,11 @@ def _units(arguments: list[Any]) -> dict[Any, Any]:
 
 
 def _expanded(algebra: Algebra, function: Any, units: dict[Any, Any]) -> Any:
-    """Return a sine or cosine of an angle in terms of sines and cosines of the smallest parts `units`.
+    """Return a sine, cosine or tangent in terms of sines and cosines of the smallest parts of its angle.
 
-    The cosine of N x is a polynomial of degree N, computed in about N^2 operations. The cosine of a sum has as many
-    terms as the product of the numbers of terms of its parts. Both costs are subtracted from the budget in advance.
+    `units` maps a term x to the number c of its smallest part c x. With {x: 1/2}, sin(x) is 2 sin(x/2) cos(x/2). The
+    cosine of N c x is a polynomial of degree N, computed in about N^2 operations. The cosine of a sum has as many terms
+    as the product of the numbers of terms of its parts. Both costs are subtracted from the algebra's budget in advance.
     """
     symbols: dict[Any, Any] = {}
     argument, terms = S.Zero, 1

@@ -40,7 +40,7 @@ Rounding and `VALUE_NOISE` cause 1e-88. An inertia of 1e-40 of the largest cause
 """
 
 PERTURBED_COPIES = 2
-"""Number of perturbed copies. One sum with random signs may be small by chance, but hardly ever two."""
+"""Number of copies of the programs with random errors. Errors may cancel by chance in one copy, hardly ever in two."""
 
 SINGULAR = 2.0**-42
 """Smallest pivot of a mass matrix that is not singular, relative to the largest entry in the row of the pivot.

@@ -291,7 +291,7 @@ class PlainForm:
 
     @cached_property
     def a(self) -> tuple[Any, ...]:
-        """The plain symbols of the accelerations, n of them."""
+        """SymPy symbols of the n accelerations, in place of second derivatives of functions of time."""
         return tuple(self.plain[acceleration_of(q)] for q in self.statement.coordinates)
 
     @cached_property

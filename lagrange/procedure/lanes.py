@@ -63,11 +63,12 @@ class MemberProcedures:
         return self.known[key]
 
     def entry(self, procedure: Procedure, signature: Signature) -> Procedure:
-        """Return the procedure that runs all members, for callers without vectors: arrays replace the vectors.
+        """Return a version of `procedure` that runs all members, for callers that cannot pass SIMD vectors.
 
-        `signature` says which arguments differ between members. The first argument has a whole number for each member,
-        above zero if the member is to run. An argument that differs is an array with a number for each member. Each
-        result is also such an array, named `result0` and so on; flags are wholes.
+        It takes an array with a number for each member where `of` takes a vector. `signature` says which arguments
+        differ between members: each number that differs becomes such an array. The first argument has a whole number
+        for each member, above zero if the member is to run. The last arguments are such arrays for the results, named
+        `result0` and so on. Flags among the results become wholes.
         """
         called = self.of(procedure, signature)
         p = MemberStatements(self.lanes)

@@ -431,9 +431,10 @@ def go_back(loop: EventLoop) -> None:
 def reset(loop: EventLoop) -> bool:
     """Apply the reset of the event that changes the motion at the present state, and return True.
 
-    Return False, with nothing changed, if the caller must handle the event: it has no reset, ends the run, or
-    is irregular. `loop.scratch` has space for the new state, the event functions before and after the reset,
-    and the results of all resets.
+    Return False, with nothing changed, if the caller must handle the event: it has no allowed reset, ends
+    the run, follows another change of the motion at once, or is irregular. An event is irregular if its
+    function does not pass zero, a value is not finite, or the mass matrix is singular. `loop.scratch` has space
+    for the new state, the event functions before and after the reset, and the results of all resets.
     """
     pending, n, events = loop.pending, loop.pending.dimension, loop.samples.events
     run, event, t, y = pending.event_run, pending.event_run.due - 1, pending.reals[T], pending.y

@@ -84,7 +84,7 @@ class Review:
     """1 if the first step begins the run, or follows a reset or another change of the motion."""
 
     last: int
-    """Number of the last step of the run, -1 if it is not among the steps."""
+    """Number of the step at whose end the run ends; -1 if the steps to visit do not reach the end of the run."""
 
     rounded: float
     """Change of an event function by the rounding of all steps so far, in units of its noise."""

@@ -123,7 +123,7 @@ class EventSearch:
 
     @inline
     def take(self, memory: SearchMemory, job: Any, index: int) -> None:
-        """Copy new events to the results of member `index`.
+        """Copy new events from `memory` to the results of member `index`, which are arrays of `job.watched`.
 
         These events are on steps that the defect test has confirmed.
         """

@@ -224,9 +224,10 @@ class StepVectors:
 
 @dataclass(frozen=True)
 class Terms:
-    """The terms of a linear combination: vectors with factors, and vectors whose sum is multiplied by h.
+    """The terms of a linear combination: those in `plain`, and those in `scaled`, whose sum is multiplied by `h`.
 
-    In a step whose rounding errors must be random (Brouwer's law), the factors of that sum are pairs of doubles.
+    A term is (vector, factor); the factor None is one. In `scaled` a factor is the sum of two doubles. `scaled` is
+    empty except in a step whose rounding errors must be random (Brouwer's law).
     """
 
     plain: Sequence[tuple[In, float | None]]

@@ -112,11 +112,11 @@ def top_of_chain(
 
 @inline
 def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorLayout) -> None:
-    """Write the derivative at the end of a step of length s to `work`: the sums of k x[k] s**(k - 1).
+    """Write the derivative of the series at the end of a step of length s to `work`, for the defect test.
 
-    The derivative is multiplied by `longer`, the ratio of the next time scale to this one. Horner's rule for a
-    derivative is used. Only blocks with velocities are summed: the equations of the coordinates are satisfied by
-    construction.
+    It is the sum of k x[k] s**(k - 1) for k up to `order`, by Horner's rule, times `longer`, the ratio of the next
+    time scale to this one. Only blocks of the state with velocities are summed. Coordinates need no test: their
+    series satisfies dq/dt = v by construction.
     """
     begin = layout.moving
     slopes = work[layout.slope + begin :]

@@ -334,7 +334,7 @@ class Arguments:
     """The `Watched` functions, or None."""
 
     projection: Any
-    """The function of the corrections onto the constraints; None without constraints."""
+    """Function that computes a correction of a state onto the constraints (`CORRECTIONS`); None without constraints."""
 
     projection_numbers: Any
     work: Out

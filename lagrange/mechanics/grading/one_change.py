@@ -406,7 +406,7 @@ class _Search:
             yield cost + REPLACED - MISSED, Difference("wrong", term, right)
 
     def _among_models(self, values: Numbers) -> Iterator[tuple[float, Any]]:
-        """Yield (cost, term) for multiples of right terms that equal `values` at all samples."""
+        """Yield (cost, term) if a correct term times a number and powers of factors equals `values` at all samples."""
         for model, line in zip(self.models, self.model_values, strict=True):
             for cost, number, factor in self._quotients(values, line):
                 plain = 0 if abs(number) == 1 else 0.3

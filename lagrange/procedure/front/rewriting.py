@@ -440,7 +440,7 @@ class Rewriter:
         return made
 
     def scope(self, x: ast.ListComp | ast.GeneratorExp | ast.Lambda) -> ast.expr:
-        """Return a rewritten lambda or comprehension. A comprehension is evaluated at build time."""
+        """Return a lambda or comprehension with its parts rewritten. A comprehension is evaluated at build time."""
         if isinstance(x, ast.Lambda):
             with_names = frozenset(arg.arg for arg in x.args.args)
             self.scoped.append(with_names)

@@ -287,7 +287,7 @@ class _Parser:
         return _times(above, below, "/")
 
     def decides(self, question: str, *, usual: bool) -> bool:
-        """Return the decision `usual` at an ambiguous place, or its opposite. `question` is its key in `choices`."""
+        """Return `usual` if `choices` has option 0 for the ambiguity named `question`, else the opposite."""
         return usual != bool(self.choices.take(question, 2))
 
     def starts_value(self) -> bool:

@@ -108,7 +108,7 @@ class Clause:
 
     @property
     def shown(self) -> str:
-        """Text of the clause."""
+        """The text of the clause itself: text[begin:end], unchanged."""
         return self.text[self.begin : self.end]
 
     @cached_property

@@ -50,7 +50,7 @@ NO_UNIT = (
     " The numbers of a table have no unit: with parameters for the units of its points and values write "
     "value*lg.table(x/point, points, values)."
 )
-"""End of a message on a table whose numbers would have units."""
+"""End of a message on a table, or its argument, with a wrong dimension. It says how to give the numbers units."""
 
 
 NUMBER_REMEDY = " A number has no unit: put a parameter in its place, such as d with dimensions={'d': 'm'}."

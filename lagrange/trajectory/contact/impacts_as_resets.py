@@ -177,9 +177,10 @@ class WrittenFriction:
 
 @lru_cache(maxsize=MODELS_KEPT)
 def written_friction(model: Model, which: int) -> WrittenFriction | None:
-    """Return the friction of the contact `which` as a model with events, or None.
+    """Return a model of the contact with index `which`, closed, and the events that end its sticking and sliding.
 
-    It is None unless the friction acts along a line, is not coupled to the gap, and the mass matrix is constant.
+    Return None unless the friction acts along a line, is not coupled to the gap, and its formulas are short. The mass
+    matrix, dgap/dq and dslip/dv must be constant, and the system must have no constraints and no inputs.
     """
     statement, contact = model.statement, model.statement.contacts[which]
     q, rates, mass = statement.coordinates, statement.velocities, coupling(statement)
