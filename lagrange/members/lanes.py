@@ -25,10 +25,9 @@ from lagrange.algorithm.kernel.kernels import kernel, prepare
 from lagrange.algorithm.members.queue import COUNTED, Observed, SystemNumbers, energy_and_momenta
 from lagrange.algorithm.members.reductions import MemberDenseOutput, Sampled, lobatto
 from lagrange.algorithm.members.steps import StepEvents, StepMembers
-from lagrange.algorithm.members.taylor import TaylorEvents, TaylorMembers
+from lagrange.algorithm.members.taylor import MemberJet, TaylorEvents, TaylorMembers
 from lagrange.algorithm.series.exported_integrator import TaylorProcedures
 from lagrange.algorithm.series.jets import WrittenJet
-from lagrange.algorithm.series.member_jet import MemberJet
 from lagrange.algorithm.series.order_by_cost import single_operations
 from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.taylor.memory import SIZES

@@ -13,10 +13,10 @@ import sympy as sp
 import lagrange as lg
 import lagrange.procedure
 from lagrange.algorithm.constants import Outcome
+from lagrange.algorithm.members.taylor import MemberJet
 from lagrange.algorithm.projection import KEPT_VIOLATION, PROJECTION_CORRECTIONS, RESOLVED, project
 from lagrange.algorithm.series.exported_integrator import LOOP_LANES, LOOP_TILE, TaylorProcedures
 from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
-from lagrange.algorithm.series.member_jet import MemberJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.taylor.memory import SMALLEST_RTOL
