@@ -414,8 +414,9 @@ def on_a_terminal(columns: int, *arguments: str, encoding: str = "utf-8") -> tup
             said += part
         code = process.wait()
     os.close(ours)
-    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "\n", said.decode(encoding)).replace("\r", "")
-    return code, [line for line in text.split("\n") if line and "━" not in line and line != "compiling "]
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "\n", said.decode(encoding)).replace("\r\n", "\n")
+    shown = [line.rpartition("\r")[2] for line in text.split("\n")]  # what stands after the last carriage return
+    return code, [line for line in shown if line and "━" not in line and line != "compiling "]
 
 
 def test_lines_fit_a_terminal_without_unicode() -> None:
