@@ -158,10 +158,10 @@ def _add(
 
 
 def _with_ends(equilibrium: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:
-    """Return the values of a parameter, with more values near those where the equilibrium begins or ceases to exist.
+    """Return the `values` of a parameter, with more values near those where the equilibrium begins or ceases to exist.
 
     A branch may begin with an infinite slope, as a square root does. So the distances of the additional values from the
-    end of the branch grow as squares.
+    end of the branch grow as squares. `parameter` is the name of the parameter.
     """
     chosen = next(p for p in statement.parameters if p.name == parameter)
 
@@ -185,7 +185,10 @@ def _with_ends(equilibrium: Equilibrium, statement: Statement, parameter: str, v
 
 
 def _axis(statement: Statement, branches: Sequence[EquilibriumBranch]) -> str:
-    """Return the name of the coordinate in which the branches differ most."""
+    """Return the name of the coordinate in which the `branches` differ most, for the vertical axis of the diagram.
+
+    Without branches it is the first coordinate.
+    """
     if not branches:
         return statement.names[0]
     whole = np.concatenate([branch.coordinates for branch in branches])

@@ -24,15 +24,15 @@ AXIS_POINTS = 4001
 """Number of points on the axis at which the force at rest is evaluated. Two zeros between points may be missed."""
 
 EIGENVALUE_NOISE = 1e-9
-"""Largest real or imaginary part that counts as rounding noise, relative to the largest eigenvalue."""
+"""Largest real or imaginary part of an eigenvalue that counts as rounding noise, relative to the largest eigenvalue."""
 
 FLAT_SLOPE = 1e-6
-"""Slope of the acceleration below which an equilibrium is degenerate.
+"""Derivative of the acceleration by the coordinate below which an equilibrium is degenerate.
 
 It is relative to the largest acceleration on the axis, divided by the length of the axis."""
 
 FLAT_FORCE = 1e-10
-"""Largest minimum of abs(acceleration) that is a zero without change of sign.
+"""Largest minimum of abs(acceleration) along the axis that counts as a zero without change of sign.
 
 It is relative to the largest acceleration on the axis."""
 
@@ -63,9 +63,11 @@ class FixedPoint:
 
 
 def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) -> tuple[tuple[FixedPoint, ...], str]:
-    """Return the equilibria of one coordinate between `low` and `high`, and a note.
+    """Return the equilibria of a system with one coordinate between `low` and `high`, and a note.
 
-    The note is "" unless the equilibria are not isolated.
+    `parameters` (k,) are the values of the parameters. If the acceleration at rest has no nonzero value, or is zero at
+    over half of the sampled coordinates, there are no equilibria in the result, and the note says why. Else the note is
+    "".
     """
     spacing = (high - low) / (AXIS_POINTS - 1)
     x = np.linspace(
@@ -86,10 +88,10 @@ def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) 
 
 
 def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: float = 0.0) -> FixedPoint:
-    """Return the equilibrium at `state` (2n,) with its kind.
+    """Return the equilibrium at `state` (2n,) with its kind, for the values `parameters` (k,).
 
-    The kind is degenerate if the acceleration has a slope of at most `flat`, or if the forces are not linear near the
-    state.
+    The kind is degenerate if the derivative of the acceleration by the coordinate is at most `flat` in magnitude, or if
+    the forces have a corner or a jump at the state.
     """
     jacobian = model.jacobian(0.0, state, parameters)
     if not np.isfinite(jacobian).all() or not _is_linear(model, parameters, state):
@@ -112,7 +114,10 @@ def _is_linear(model: Model, parameters: FloatArray, state: FloatArray) -> bool:
 
 
 def kind_of(values: FloatArray, *, conservative: bool) -> str:
-    """Return the kind of an equilibrium from its two eigenvalues. `conservative` is True if energy is conserved."""
+    """Return the kind of an equilibrium, such as "saddle", from its two eigenvalues `values` (2,).
+
+    `conservative` is True if the system conserves energy: imaginary eigenvalues then mean a centre.
+    """
     size = float(np.abs(values).max())
     if size == 0.0 or not np.abs(values).min():
         return DEGENERATE

@@ -43,7 +43,8 @@ ARRIVED = 5e-4  # Distance from an equilibrium, as a fraction of the window, at 
 class PlaneWindow:
     """A rectangle in the plane of two entries of the state.
 
-    `periodic` has True for coordinates that are angles. `reach` is the longest time for which an orbit is followed.
+    `plane` has the horizontal and the vertical axis with their ranges. `periodic` has for each coordinate True if it is
+    an angle. `reach` is the longest time for which an orbit is followed.
     """
 
     plane: Plane
@@ -136,7 +137,7 @@ def orbit(
 
 
 def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
-    """Return the orbit that joins the runs `parts`, ordered in time.
+    """Return the orbit that joins the runs `parts`, in the order of time. `closed` is True if it returns to its start.
 
     Its status and message come from the first incomplete run, or from the last run if all are complete.
     """
@@ -166,7 +167,10 @@ def cut(run: Trajectory, end: float) -> Trajectory:
 
 
 def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
-    """Return (run cut at its first return to its start, True), or (whole run, False) if it does not return."""
+    """Cut a run at its first return to its start, within CLOSED of the window: return (the part before it, True).
+
+    If the run does not return to its start, the result is (the whole run, False).
+    """
     times, states = sampled(run)
     if len(times) < 3:
         return run, False
@@ -174,7 +178,11 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
     rows = list(window.rows)
 
     def ahead(states: FloatArray) -> FloatArray:
-        """Return the signed progress (k,) of states (k, 2n) from the start of the run, along its first step."""
+        """Return the progress (k,) of states (k, 2n) from the start of the run, in the direction of its first step.
+
+        It is the component of the displacement in the plane, in widths of the window, and negative for a state behind
+        the start. So the orbit passes its start where the sign becomes positive.
+        """
         moved = difference(states, start, window.periodic)[:, rows] / window.widths
         return np.asarray(moved @ (way[rows] / window.widths))
 
@@ -192,7 +200,10 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
 
 
 def until_arrival(window: PlaneWindow, run: Trajectory, equilibria: Sequence[FixedPoint]) -> Trajectory:
-    """Return the part of a run up to its first arrival at one of the equilibria, or the whole run."""
+    """Return the part of a run up to its first arrival at one of the `equilibria`, or the whole run if there is none.
+
+    A run arrives if its distance falls below ARRIVED widths of the window, after it was ten times as large.
+    """
     times, states = sampled(run)
     best = math.inf
     end = run.span[1]
@@ -216,7 +227,8 @@ LINEAR_ERROR = 1e-10
 Rounding of the saddle itself is 1e-16 and grows along the motion, so a smaller limit has no effect."""
 
 FIRST_DISTANCE, LEAST_DISTANCE = 1e-2, 1e-7
-"""First and least distance of a start from the saddle, as fractions of the window."""
+"""First and least distance from the saddle at which a separatrix may begin, as fractions of the window. The distance is
+halved until the error of the start is small enough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,10 +248,10 @@ class Separatrix:
 def separatrices_of(
     runs: Runs, window: PlaneWindow, equilibria: Sequence[FixedPoint], number: int, exits: Sequence[Event]
 ) -> list[Separatrix]:
-    """Return the four branches of the saddle `equilibria[number]`.
+    """Return the four separatrices of the saddle `equilibria[number]`, two in each direction of time.
 
-    The list is empty if the equilibrium is not a saddle, or outside of the window. A branch ends at an event of
-    `exits`, at an equilibrium, or after the longest time.
+    The list is empty if the equilibrium is not a saddle, or outside of the window. A separatrix ends at an event of
+    `exits`, at an equilibrium of `equilibria`, or after the time `window.reach`.
     """
     saddle = equilibria[number]
     if saddle.kind != SADDLE or not window.holds(saddle.state):

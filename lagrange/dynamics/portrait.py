@@ -32,21 +32,25 @@ CELLS = 22
 An orbit begins in each cell that no orbit has crossed, from the middle of the window outwards."""
 
 MOST_ORBITS, MOST_PROJECTED = 60, 8
-"""Largest numbers of orbits if the user gives no starts: in a full plane, and in a slice, where orbits may cross."""
+"""Largest numbers of orbits if the user gives no starts. The first one is for a plane that contains whole orbits, which
+do not cross. The second one is for a slice and for a driven system, whose orbits may cross in the plane."""
 
 FEW_PERIODS = 2
-"""Time for which orbits of a slice are followed, forwards only, in mean periods of small oscillations."""
+"""Duration of an orbit, in mean periods of small oscillations, in a slice and for a driven system. These orbits may
+cross in the plane, and are followed forwards in time only."""
 
 SAMPLES_PER_CELL = 64  # Number of states in each step that mark the cells that an orbit crosses
 SAME_PLACE = 1e-9  # Distance below which two equilibria are the same, as a fraction of the window
 
 START_DISPLACEMENT = np.array([0.1, 0.0])
-"""Displacement in (x, v) of a start at an equilibrium, for the motion that sets the default window."""
+"""Displacement (x, v) from an initial state that is an equilibrium. The motion from the displaced state has a range,
+from which the default window follows."""
 
 MOST_RESTS = 16
-"""Largest number of equilibria that set the default window.
+"""Largest number of equilibria that the default window is made to contain.
 
-They are sign changes of the force between -1000 and 1000. If there are more, none is used."""
+An equilibrium is a coordinate between -1000 and 1000 at which the acceleration at rest changes its sign. If there are
+more of them, the window ignores all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +162,10 @@ class _Portrait:
         return numbers
 
     def seeds(self) -> FloatArray:
-        """Return the states (CELLS**2, 2n) at the middles of all cells of the window, the innermost cells first."""
+        """Return candidates for initial states of orbits: the middles of all cells of the window, (CELLS**2, 2n).
+
+        The innermost cells come first.
+        """
         middles = [np.linspace(axis.low, axis.high, 2 * CELLS + 1)[1::2] for axis in self.plane]
         columns, rows = np.meshgrid(*middles)
         away = np.hypot(*(np.indices(columns.shape) - (CELLS - 1) / 2))
@@ -208,7 +215,12 @@ def portrait(
 
 
 def _computed(work: _Portrait, fixed: Mapping[int, float], starts: Any, progress: Report | None) -> PortraitData:
-    """Return all parts of a portrait. `fixed` maps indices of entries off the axes to their values."""
+    """Return the phase portrait, with all its parts, that `work` computes.
+
+    `fixed` maps the indices of the entries off the axes to their values. `starts` are the user's initial states of
+    orbits; if None, orbits fill the plane. `progress` is called with the number of finished orbits, or of crossed
+    cells; it may be None.
+    """
     runs, plane, names = work.runs, work.plane, work.runs.model.statement.state_names
     single = work.alone and len(names) == 2
     equilibria, note = fixed_points(runs.model, runs.parameters, plane[0].low, plane[0].high) if single else ((), "")
@@ -279,7 +291,10 @@ def _unvisited(
 
 
 def _mark(work: _Portrait, taken: FloatArray, orbit: Orbit) -> None:
-    """Mark the cells that an `orbit` crosses, and the neighbours of these cells, in the table `taken`."""
+    """Set True in `taken` at the cells of the window of `work` that an `orbit` crosses, and at their neighbours.
+
+    `taken` (CELLS + 2, CELLS + 2) has a margin of one cell around the window.
+    """
     for part in orbit.parts:
         rows, columns = _cells(work, sampled(part, SAMPLES_PER_CELL)[1])
         for down, right in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -287,7 +302,7 @@ def _mark(work: _Portrait, taken: FloatArray, orbit: Orbit) -> None:
 
 
 def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rows (k,) and the columns (k,) of the cells that contain the states (k, 2n).
+    """Return the rows (k,) and the columns (k,) of the cells that contain the states (k, 2n), for the window of `work`.
 
     Cells of the window have the numbers 1 to CELLS. A state outside of the window has the number 0 or CELLS + 1.
     """
@@ -306,8 +321,9 @@ def _ended(
 ) -> tuple[Status, str]:
     """Return the status and the message of a portrait.
 
-    The message names orbits that ended early, and contains `note`. `orbits` are the orbits that were kept, and
-    `begun_count` is the number of orbits that were to be run.
+    `orbits` are the orbits that were kept, and `begun_count` is the number of orbits that were to be run. The message
+    names orbits that ended early, and contains `note`. `interrupted` is True after Ctrl-C; the status is then
+    INTERRUPTED. `work` has the system and the time of the field.
     """
     statement = work.runs.model.statement
     interrupted = interrupted or any(orbit.status is Status.INTERRUPTED for orbit in orbits)
@@ -364,7 +380,10 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
 
 
 def _free(model: Model, fixed: Collection[int]) -> list[int]:
-    """Return the indices in the state of the entries that are not `fixed` and do not follow from other entries."""
+    """Return the indices in the state of the entries that vary on the plane: two, if a plane is determined.
+
+    Entries in `fixed` are left out, and so are the velocities without inertia, which follow from other entries.
+    """
     return [row for row in range(model.layout.size) if row not in fixed and row not in model.equations.following]
 
 
@@ -391,7 +410,7 @@ def default_plane(runs: Runs, base: FloatArray) -> Plane:
     """Return a window for a system with one coordinate: it contains the equilibria and the motions between them.
 
     An angle has the range of a full turn. Another coordinate has the range of the equilibria and of the motion from the
-    initial state, enlarged at both ends. If the initial state is an equilibrium, the motion begins next to it.
+    initial state `base`, enlarged at both ends. If `base` is an equilibrium, the motion begins next to it.
     """
     model = runs.model
     (name,) = model.statement.names
@@ -410,9 +429,10 @@ def default_plane(runs: Runs, base: FloatArray) -> Plane:
 
 
 def _extent(runs: Runs, base: FloatArray, scale: float) -> tuple[float, float]:
-    """Return the range of the only coordinate, which is not an angle, for the default window.
+    """Return the range (low, high) of the only coordinate of a system, which is not an angle, for the default window.
 
-    `base` is the initial state, and `scale` a period of small oscillations.
+    It contains the equilibria and the motion from the initial state `base`. `scale` is a period of small oscillations,
+    which sets the duration of this motion.
     """
     model, sizes = runs.model, np.logspace(-3, 3, 1200)
     x = np.concatenate([-sizes[::-1], [0.0], sizes])

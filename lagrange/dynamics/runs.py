@@ -33,7 +33,7 @@ MOST_STARTS = 1_000_000  # Largest number of starts in a list or an array
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """A model with parameters (k,) and run options. A call runs the model from a state."""
+    """A model with the values of its parameters (k,) and the options of a run. A call runs the model from a state."""
 
     model: Model
     parameters: FloatArray
@@ -42,9 +42,10 @@ class Runs:
     def __call__(
         self, start: FloatArray, t0: float, t1: float, t_eval: FloatArray | None = None, events: Any = None
     ) -> Trajectory:
-        """Return the run from a state (2n,) at t0 to t1. With `t_eval` (k,) only the states at these times are kept.
+        """Return the run from the state `start` (2n,) at t0 to t1.
 
-        `events` replace the events in `options`, unless None.
+        With `t_eval` (k,) only the states at these times are kept. `events` replace the events in `options`, unless
+        None.
         """
         options, statement = self.options, self.model.statement
         values = dict(zip(statement.parameters, self.parameters.tolist(), strict=True))
@@ -116,8 +117,8 @@ def initial_of(model: Model, overlay: Mapping[Any, Any] | None) -> FloatArray:
 def time_scale(model: Model, states: FloatArray, parameters: FloatArray, fallback: float) -> float:
     """Return a typical period of small oscillations about states (m, 2n), or `fallback` if all eigenvalues are zero.
 
-    Each nonzero eigenvalue at a state gives a period 2 pi/|eigenvalue|. The period of the state is their geometric
-    mean. The result is the median over the states.
+    Each nonzero eigenvalue of the Jacobian at a state gives a period 2 pi/|eigenvalue|. The period of the state is
+    their geometric mean. The result is the median over the states. `parameters` (k,) are the values of the parameters.
     """
     periods = []
     followed = with_rates(model, 0.0, states[:: max(1, len(states) // 16)].T, parameters)
@@ -134,7 +135,8 @@ def time_scale(model: Model, states: FloatArray, parameters: FloatArray, fallbac
 
 
 MOST_MULTIPLE = 64
-"""Largest numerator and denominator of a ratio of frequencies that have a common period."""
+"""Largest numerator and denominator of the ratio of two driving frequencies. Frequencies with another ratio count as
+having no common period."""
 
 
 def depends_on_time(statement: Statement) -> bool:

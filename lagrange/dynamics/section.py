@@ -86,7 +86,11 @@ class Crosser:
             leg = max(self.wait / 2, 1.2 * left * (begin - first) / passed) if passed else self.wait
 
     def _end(self, run: Trajectory, missing_count: int, last_crossing: float) -> tuple[Status, str]:
-        """Return the status and the message of an orbit that lacks `missing_count` crossings after its last run."""
+        """Return the status and the message of an orbit, after the last of its runs, `run`.
+
+        `missing_count` is the number of crossings that the orbit lacks, and `last_crossing` is the time of its last
+        crossing.
+        """
         if missing_count == 0:
             return Status.EVENT, "all crossings were found."
         if run.status.complete:
@@ -98,9 +102,10 @@ class Crosser:
 
 
 def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> list[Crossings]:
-    """Return the crossings of orbits from states (m, 2n).
+    """Return the crossings that `cross` finds on the orbits from the states (m, 2n).
 
-    After Ctrl-C the list ends with the interrupted orbit, whose status is INTERRUPTED.
+    `progress` is called with the number of finished orbits, unless it is None. After Ctrl-C the list ends with the
+    interrupted orbit, whose status is INTERRUPTED.
     """
     finished: list[Crossings] = []
     try:
@@ -116,13 +121,14 @@ def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> lis
 
 
 ENERGY_CORRECTIONS = 30
-"""Number of Newton steps after the roots of a quadratic energy.
+"""Number of Newton steps for the velocity that gives an energy. They start from the root of a quadratic energy.
 
 One step removes rounding errors. The others are for an energy that is not quadratic in the velocity, such as the energy
 of a relativistic particle."""
 
 PROBES = (1.0, 1e-3, 1e-6)
-"""Velocities for the coefficients of a quadratic energy. The first with finite energies is used."""
+"""Trial velocities. The energies at v and at -v, for one of them, give the coefficients of an energy that is quadratic
+in the velocity. The first trial velocity at which the energies are finite is used."""
 
 ENERGY_ERROR = 1e-10  # Largest accepted error of the energy, relative to the sum of energy and energy at zero velocity
 
@@ -201,9 +207,9 @@ class EnergyLevel:
         return np.ascontiguousarray(np.where((rates[0] > 0) | (rates[1] <= 0), larger, smaller).T)
 
     def _corrected(self, states: FloatArray, v: FloatArray) -> FloatArray:
-        """Return states (2n, m) with the energy, by Newton's method from the velocities `v` (m,).
+        """Return states (2n, m) whose velocity in row `row` is changed so that they have the prescribed energy.
 
-        Raises StatementError if no such velocity is found.
+        Newton's method starts from the velocities `v` (m,). Raises StatementError if no such velocity is found.
         """
         for _ in range(ENERGY_CORRECTIONS):
             step = 1e-6 * np.abs(v) + 1e-9
@@ -232,7 +238,8 @@ MOST_SECTION_POINTS = 100_000_000
 BORDER_CELLS = 200  # Number of cells along each axis for the border of a section
 
 BORDER_MARGINS = (0.5, 1.5, 4.0, 10.0, 25.0)
-"""Margins around the points, as fractions of their extent, tried in turn until the border is a closed line."""
+"""Margins of the rectangle in which the border of the allowed region is searched, around the points of a section, as
+fractions of the extent of the points. They are tried in turn until the border is a closed line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,9 +277,10 @@ class SectionData:
 
 
 def section_of(definition: Any, model: Model, parameters: FloatArray) -> Event | float:
-    """Return the event of a section, or its period.
+    """Return the event that defines a section, or the period after which a section takes points.
 
-    The result is a period if the user's `definition` is a number or an expression in parameters.
+    The result is a period if the user's `definition` is a number, or an expression in parameters, whose values are
+    `parameters` (k,).
     """
     if isinstance(definition, Event):
         return declare_events([definition], model.statement, constant="a section")[0]
@@ -362,7 +370,11 @@ def check_memory(shape: Sequence[int]) -> None:
 
 
 def _level(runs: Runs, energy: Any, solve_for: Any) -> EnergyLevel | None:
-    """Return the energy of all starts, with the velocity `solve_for` that it determines, or None without an energy."""
+    """Return the prescribed `energy` of all starts, with the velocity `solve_for` that is changed to reach it.
+
+    Returns None if the user gives neither. Raises StatementError if only one of them is given, and for a `solve_for`
+    that is not a velocity.
+    """
     model = runs.model
     if energy is None and solve_for is None:
         return None
@@ -392,9 +404,9 @@ def _border(
 ) -> tuple[FloatArray, ...]:
     """Return the border lines (j, 2), in the plane of `axes`, of the region that the energy allows.
 
-    There are lines only if the energy is prescribed, the state has four entries, and the velocity that follows from the
-    energy is not one of the axes. `start` has the entries that are not drawn. The border is searched around the points
-    of `orbits`.
+    There are lines only if the energy `level` is prescribed, the state has four entries, and the velocity that follows
+    from the energy is not one of the axes. `start` (2n,) has the entries that are not drawn. The border is searched
+    around the points of `orbits`.
     """
     if level is None or len(start) != 4:
         return ()
@@ -419,7 +431,11 @@ def _border(
 
 
 def _drift(runs: Runs, states: FloatArray, orbits: Sequence[Crossings]) -> float | None:
-    """Return the largest change of the energy, relative to the largest energy, or None if it is not conserved."""
+    """Return the drift of the energy along `orbits`, or None if the system does not conserve energy or has no orbit.
+
+    The drift is the largest change from the energy at the start of an orbit, divided by the largest absolute energy on
+    all orbits. `states` (m, 2n) are the starts of the orbits.
+    """
     model = runs.model
     if not model.conservative or not orbits:
         return None

@@ -28,7 +28,8 @@ SAME_POINT = 1e-6
 DIFFERENCE_NOISE = 1e-12
 """Largest rounding noise of the difference of two states, relative to a scale of the entry.
 
-The scale of a coordinate is the larger of its size and its velocity times the mean period. Velocities correspond."""
+The scale of a coordinate is its largest magnitude, or that of its velocity times the mean period, whichever is larger.
+The scale of a velocity is its largest magnitude, or that of its coordinate divided by the mean period."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,10 @@ def parameter_of(statement: Statement, parameter: Any) -> str:
 
 
 def values_of(values: Any, name: str) -> FloatArray:
-    """Return the values (k,) of a parameter, from a list or an array, or from (low, high, count)."""
+    """Return the values (k,) of the parameter `name`, from the user's list or array, or from (low, high, count).
+
+    Raises StatementError for more than MOST_VALUES values, and for several values that are all equal.
+    """
     numbers = axis_values(name, values)
     if len(numbers) > MOST_VALUES:
         raise StatementError(
@@ -174,8 +178,9 @@ def _next(orbit: Crossings, start: FloatArray, passed: Event | float, statement:
 def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> FloatArray:
     """Return the period (k, m) of each orbit in `states` (k, m, s, 2n), as a number of points.
 
-    The period is the least p for which every point equals the point p before it, or 0 if there is none. `scale` is a
-    period of small oscillations; velocities are multiplied by it for the comparison with coordinates.
+    The period is the least p for which every point equals the point p before it, or 0 if there is none. `periodic` has
+    for each coordinate True if it is an angle, for which full turns do not count. `scale` is a period of small
+    oscillations; velocities are multiplied by it for the comparison with coordinates.
     """
     complete = states[np.isfinite(states).all(axis=-1)]
     if not len(complete):
@@ -200,7 +205,11 @@ def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> Flo
 
 
 def _ended(statuses: Sequence[tuple[Status, ...]], value_count: int, parameter: str, starts: int) -> tuple[Status, str]:
-    """Return the status and the message of a diagram with `value_count` values, and `starts` orbits at each."""
+    """Return the status and the message of a bifurcation diagram.
+
+    `statuses` has for each computed value of the parameter how its orbits ended. `value_count` is the number of
+    requested values of the parameter with the name `parameter`, and `starts` the number of orbits at each value.
+    """
     flat = [status for row in statuses for status in row]
     if Status.INTERRUPTED in flat:
         return Status.INTERRUPTED, (
