@@ -280,7 +280,10 @@ def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: R
 
 
 def _submitted(runner: Runner, starts: Starts) -> Any:
-    """Submit a chunk of members and return its future. Raises RunError if the executor does not accept it."""
+    """Submit the chunk of members with the initial values `starts` to `runner`, and return its future.
+
+    Raises RunError if the executor does not accept the chunk, and StatementError if it returns no future.
+    """
     try:
         with _working():
             future = runner.submit(starts)
@@ -294,7 +297,10 @@ def _submitted(runner: Runner, starts: Starts) -> Any:
 
 
 def _result(future: Any) -> ChunkResult:
-    """Return the results of a chunk. Raises the error of a member, or RunError if the executor failed."""
+    """Wait for the `future` of a chunk of members, and return the chunk's results.
+
+    Raises the error of a member, or RunError if the executor failed.
+    """
     with _working():
         result = future.result()
     if not isinstance(result, ChunkResult):
@@ -307,7 +313,7 @@ def _result(future: Any) -> ChunkResult:
 
 @contextmanager
 def _working() -> Iterator[None]:
-    """Context that replaces the error of a failed executor by a RunError, which says how to continue the ensemble."""
+    """Context manager that replaces an executor's error by a RunError, which says how to continue the ensemble."""
     try:
         yield
     except ImportError as error:
@@ -356,7 +362,11 @@ class ResultCollector:
 
     @property
     def form(self) -> str:
-        """Text on how members were run, with a note if the last digits may differ from results of this machine."""
+        """Text that describes how members were run, for the printed summary of an ensemble.
+
+        A note is added if workers without llvmlite or with another processor ran members, since the last digits of
+        their results may differ from results of this machine.
+        """
         notes = ["; ".join(self.forms) or "all members were stored"]
         if self.processor and any(form.endswith(BY_NUMPY) for form in self.forms):
             notes.append("a worker has no llvmlite")

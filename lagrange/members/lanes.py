@@ -113,8 +113,9 @@ class Compiled:
 class _Parts(NamedTuple):
     """The procedures from which the code that runs members is generated.
 
-    `kernels` are procedures by the names of `_programs`. `numbers` computes the values that depend only on parameters,
-    and `observed` the energy and momenta. `sampled` computes the expressions that are reduced, or is None.
+    `kernels` evaluate the programs that `_programs` returns, and have the same names. `numbers` computes the values
+    that depend only on parameters, and `observed` the energy and momenta. `sampled` computes the expressions that are
+    reduced; it is None if there are none.
     """
 
     kernels: Mapping[str, Procedure]
@@ -124,7 +125,10 @@ class _Parts(NamedTuple):
 
 
 def compiled_members(model: Model, plan: Plan, tasks: MemberTasks) -> Compiled:
-    """Return the compiled code that runs members of a model by the method of a `plan`, with additional `tasks`."""
+    """Return the compiled code that runs members of a model by the method of a `plan`.
+
+    `tasks` are what the code does besides steps: reductions and events.
+    """
     nodes = tuple(node_of(reduction.expression, model.statement, model.equations) for reduction in tasks.reductions)
     programs = _programs(model, plan, tasks, tuple(dict.fromkeys(nodes)))
 
@@ -175,9 +179,10 @@ def _programs(model: Model, plan: Plan, tasks: MemberTasks, expressions: tuple[N
 def _sampled(
     reductions: Sequence[Reduction], nodes: Sequence[Node], program: Program, evaluating: Procedure
 ) -> Sampled:
-    """Return the expressions that are reduced along the steps, each different one once.
+    """Return the expressions that the `reductions` reduce along the steps, each different one once.
 
-    `nodes` are the expressions of the `reductions`. The procedure `evaluating`, made from `program`, computes them.
+    `nodes` are the expressions as nodes of the equations' graph, one for each reduction. The procedure `evaluating`,
+    made from `program`, computes the different expressions.
     """
     different = list(dict.fromkeys(nodes))
     places = tuple((reduction.how, different.index(node)) for reduction, node in zip(reductions, nodes, strict=True))
@@ -188,7 +193,11 @@ def _sampled(
 def _taylor_members(
     plan: TaylorPlan, series: TaylorProcedures, tasks: MemberTasks, parts: _Parts, dimension: int
 ) -> tuple[TaylorMembers, dict[str, Any]]:
-    """Return the generator of code that runs members by Taylor series, and the arrays that the code reads, by name."""
+    """Return the generator of code that runs members by Taylor series, and the arrays that the code reads, by name.
+
+    `plan` has the order, and `series` the procedures of the series. `tasks` are reductions and events, `parts` the
+    procedures that the code calls, and `dimension` is the number of entries of the state.
+    """
     jet: WrittenJet | MemberJet
     if single_operations(series.packing, plan.order) > MOST_WRITTEN_OUT:
         jet = MemberJet(series.single, series.numbers, plan.order)
@@ -210,7 +219,11 @@ def _taylor_members(
 def _step_members(
     step: StepProgram, tasks: MemberTasks, parts: _Parts, dimension: int
 ) -> tuple[StepMembers, dict[str, Any]]:
-    """Return the generator of code that runs members by step programs, and the arrays that the code reads, by name."""
+    """Return the generator of code that runs members by step programs, and the arrays that the code reads, by name.
+
+    `step` is one step of the method. `tasks` are reductions and events, `parts` the procedures that the code calls, and
+    `dimension` is the number of entries of the state.
+    """
     kernels, numbers, observed, sampled = parts
     dense, watch, arrays = None, None, dict[str, Any]()
     if tasks.path is not None:
@@ -250,7 +263,7 @@ EVENT, UNFINISHED = STATUSES.index(Status.EVENT), STATUSES.index(Status.MAX_STEP
 
 _OUTCOMES = [STATUSES.index(_STATUSES[outcome]) if outcome in _STATUSES else UNDECIDED for outcome in Outcome]
 _CODES = np.array([*_OUTCOMES, EVENT], dtype=np.uint8)
-"""Status code by outcome. The last entry is for `ENDED_BY_EVENT`."""
+"""Status code of a member by the outcome of its compiled loop, as an index. The last entry is for `ENDED_BY_EVENT`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +276,7 @@ class LaneEngine:
 
     @property
     def form(self) -> str:
-        """The way in which members are run, in words."""
+        """Phrase that describes how members are run, for the printed summary: "8 members side by side"."""
         return f"{self.side_by_side} members side by side"
 
     @property
@@ -363,10 +376,10 @@ class LaneEngine:
 
 
 def lane_engine(single: RunEngine, plan: Plan, problem: Problem, *, varying: bool) -> LaneEngine | None:
-    """Return the object that runs members in lanes, or None if the model or the method does not allow it.
+    """Return the object that runs members in lanes, or None if the model, the method or the events do not allow it.
 
-    `single` runs members one by one. With `varying` each member has its own parameters. The machine code is cached for
-    the next ensemble of the model.
+    `plan` and `problem` are those of the first member, and `single` runs members one by one. With `varying` each member
+    has its own parameters. The machine code is cached for the next ensemble of the model.
     """
     if not _runs_in_lanes(single, plan, problem):
         return None
@@ -388,7 +401,11 @@ def lane_engine(single: RunEngine, plan: Plan, problem: Problem, *, varying: boo
 
 
 def _runs_in_lanes(single: RunEngine, plan: Plan, problem: Problem) -> bool:
-    """Return True if lanes support the system, the method and the events of a problem."""
+    """Return True if members can run in vector lanes, for this system, target, method (in `plan`) and events.
+
+    The code in lanes does not support constraints, contacts, known functions of time, resets, events that set
+    parameters, and implicit methods.
+    """
     model = single.model
     if any(event.settings for event in problem.events):
         return False

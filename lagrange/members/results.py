@@ -43,7 +43,7 @@ class Column(NamedTuple):
     blank: float
 
     def empty(self, members: int) -> Any:
-        """Return the array of the column for a number of members, with the blank value in every row."""
+        """Return the array of the column for a number of members, with the value `blank` in every row."""
         return np.full((members, *self.shape), self.blank, dtype=self.kind)
 
     @property
@@ -150,7 +150,10 @@ def keep_of(keep: Any, model: Model, events: Sequence[Any]) -> Keep:
 
 
 def _add(reductions: list[Reduction], added: Reduction) -> None:
-    """Append the reduction `added` unless the list has it. Different expressions with the same text get numbers."""
+    """Append the reduction `added` to `reductions`, unless the list has it.
+
+    If another expression has the same name, a number is appended to the new name, such as "max(x) 2".
+    """
     if any((reduction.how, reduction.expression) == (added.how, added.expression) for reduction in reductions):
         return
     names = {reduction.name for reduction in reductions}
@@ -159,7 +162,10 @@ def _add(reductions: list[Reduction], added: Reduction) -> None:
 
 
 def reduction_label(key: Any, model: Model) -> str | None:
-    """Return the name of the column for an entry of `keep` such as ("max", theta), or None for other entries."""
+    """Return the name "max(theta)" of the column for the entry `key` = ("max", theta) of the user's option `keep`.
+
+    The reductions "min" and "mean" have such names, too. Returns None for any other entry.
+    """
     return f"{key[0]}({_written(key[1], model)})" if _is_reduction(key) else None
 
 
@@ -209,28 +215,32 @@ def _reduction(how: str, quantity: Any, model: Model) -> Reduction:
 
 
 def _written(expression: Any, model: Model) -> str:
-    """Return an expression as text with the names of coordinates."""
+    """Return an expression as text, cut to about 80 characters, with plain symbols: theta for theta(t)."""
     plain = dict(model.statement.plain)
     return formula(expression.xreplace(plain) if hasattr(expression, "xreplace") else expression, 80)
 
 
 STEPS_AT_ONCE = 16384
-"""Number of steps whose sample points are evaluated in one call."""
+"""Number of steps whose sample points are evaluated in one call, to limit the memory for a long run."""
 
 OVERSHOOT = 2.5
-"""Largest excess of a maximum within a step over the sampled values, in units of the largest change between
-neighbouring samples.
+"""Largest excess of an expression within a step over its sampled values, in units of the largest change between
+neighbouring samples. A step is searched for a maximum only if such an excess would give a new maximum of the run.
 
-The search `raised` assumes that a slope is at most twice the slope between neighbouring samples, whose distances differ
-by at most a factor of 2.3."""
+The search `raised` assumes that a slope is at most twice the slope between neighbouring samples. The distances of
+samples in time differ by at most a factor of 2.3."""
 
 NONE = np.empty(0)
-"""Empty work array for the search of extremes, because the dense output of a run needs no memory for polynomials."""
+"""Empty array for the arguments of the search `raised` that hold polynomials. They are not used here, because the
+search evaluates the dense output of a run by a callback."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampledRun:
-    """A run of one member with all its accepted states, for reductions. `parameters` (k,) belong to this member."""
+    """A run of one member with all its accepted states, from which reductions such as a maximum are computed.
+
+    `parameters` (k,) belong to this member.
+    """
 
     model: Model
     run: Trajectory
@@ -262,10 +272,10 @@ class SampledRun:
         return results
 
     def _largest(self, expression: Any, sign: float, times: FloatArray, values: FloatArray, best: float) -> float:
-        """Return the larger of `best` and the largest value of sign * expression on some steps.
+        """Return the largest value of sign * expression on k steps, or `best` if that is larger.
 
         `times` and `values` (k, SAMPLE_POINTS) are the sample points of the k steps, and the values of the expression
-        there.
+        there. Within a step the dense output is searched if it may have a value above `best`.
         """
         signed = values * sign
         best = max(best, float(np.max(signed, where=signed == signed, initial=-np.inf)))
@@ -369,7 +379,7 @@ class Results:
 
     @classmethod
     def empty(cls, members: int, columns: Sequence[Column]) -> Results:
-        """Return results in which no member has a result yet: every row has the blank value of its column."""
+        """Return results for a number of `members` without results: each row has the blank value of its column."""
         return cls({column.name: column.empty(members) for column in columns})
 
     def column(self, name: str) -> Any:

@@ -53,9 +53,10 @@ class Energies:
 
     @property
     def drift(self) -> FloatArray:
-        """The changes of energy between start and end (m,), relative to a scale: the energy or the kinetic energy.
+        """The relative drift of the energy of each member between its start and its end, (m,).
 
-        The scale is the largest of |energy| at the start and the kinetic energies at the start and the end.
+        It is the change of the energy, divided by the largest of |energy| at the start and the kinetic energies at the
+        start and the end.
         """
         first, last = self.first[:, 0], self.last[:, 0]
         kinetic = np.maximum(self.kinetic(self.before, self.first), self.kinetic(self.after, self.last))
@@ -97,7 +98,10 @@ def energies_of(
 
 
 def _observed(model: Model, y: FloatArray, t: float, parameters: FloatArray) -> FloatArray:
-    """Return the energy, then the momenta, of states y (m, 2n) at time t: (m, 1 + n)."""
+    """Return the energy, then the momenta, of states y (m, 2n) at time t, as an array (m, 1 + n).
+
+    `parameters` are (1, k) if all states share them, else (m, k).
+    """
     if len(parameters) > 1:
         return np.concatenate([_observed(model, y[i : i + 1], t, parameters[i : i + 1]) for i in range(len(y))])
     q, v = model.layout.split(y.T)
@@ -133,7 +137,7 @@ class RunEngine:
 
     @property
     def form(self) -> str:
-        """The way in which members are run, in words."""
+        """Phrase that describes how members are run, for the printed summary of an ensemble."""
         return "runs one after the other" + (BY_NUMPY if self.model.target == "numpy" else "")
 
     side_by_side = 1  # members run one by one
@@ -163,7 +167,10 @@ class RunEngine:
         return ends
 
     def again(self, starts: Starts, ends: Results, which: NDArray[np.intp]) -> Results:
-        """Run the members with indices `which` again, replace their results in `ends`, and return `ends`."""
+        """Run again, one by one, the members for which a faster method gave no certain result, and return `ends`.
+
+        `which` are their indices in `starts` and in `ends`. Their rows and messages in `ends` are replaced.
+        """
         if not len(which):
             return ends
         results = self.run(starts.of(which), lambda: False)
@@ -173,7 +180,7 @@ class RunEngine:
         return ends
 
     def explained(self, start: Starts) -> Explained:
-        """Run one member from its initial values, and return the status, time and message of its end."""
+        """Run one member from its initial values `start`, and return the status, time and message of its end."""
         try:
             run = self.run_one(start)
         except StatementError as refusal:
@@ -181,7 +188,7 @@ class RunEngine:
         return Explained(run.status, run.span[1], run.message)
 
     def run_one(self, start: Starts) -> Trajectory:
-        """Run one member from its initial values, and return its trajectory."""
+        """Run one member from its initial values `start`, and return its trajectory."""
         statement, names = self.model.statement, self.model.layout.names()
         values = dict(zip(statement.parameters, start.parameters[0].tolist(), strict=True))
         initial = dict(zip(names, start.states[0].tolist(), strict=True))
@@ -241,7 +248,7 @@ class FlowEngine:
 
     @property
     def form(self) -> str:
-        """The way in which members are run, in words."""
+        """Phrase that describes how members are run, for the printed summary of an ensemble."""
         return self.single.form
 
     side_by_side = 1  # members run one by one
@@ -263,7 +270,7 @@ class FlowEngine:
         return single.again(done, ends, np.flatnonzero(doubtful))
 
     def end(self, start: Starts) -> FloatArray:
-        """Return the last state (2n,) of one member, NaN if the flow does not reach the end of the time span."""
+        """Return the last state (2n,) of the member that starts from `start`, NaN if its run does not reach the end."""
         try:
             return self.flow(start.states[0], *self.single.span, start.parameters[0])
         except LagrangeError:

@@ -43,8 +43,8 @@ process has no effect."""
 
 _HELD: set[str] = set()
 _CHANGING = threading.Lock()
-"""Paths of the stores to which this process writes, and the lock of this set. The lock file excludes other processes,
-but not other threads of this process."""
+"""Lock of the set `_HELD`, which has the paths of the stores to which this process writes. The lock file excludes other
+processes, but not other threads of this process."""
 
 
 class StoreLock:
@@ -119,7 +119,7 @@ DAMAGE = (
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Context that translates errors of reading a store into RunError for a damaged store."""
+    """Context manager for reading from the store `path`: errors of zarr become a RunError for a damaged store."""
     try:
         yield
     except DAMAGE as error:
@@ -193,9 +193,10 @@ def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
 
 
 def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
-    """Make a store without results for an ensemble. `made_of` is the description of the ensemble.
+    """Make a store without results in the folder `path`. `made_of` is the description of the ensemble.
 
-    The store is written to a temporary folder, which is renamed when it is complete.
+    The store is written to a temporary folder, which is renamed when it is complete. Raises StatementError or RunError
+    if it cannot be made.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -219,7 +220,8 @@ def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[
 def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> dict[str, bytes]:
     """Return the contents of the files of a store without results, by path relative to its folder.
 
-    They are made in memory, since zarr writes files with several threads, some of which continue after a failure.
+    `made_of` is the description of the ensemble. The contents are made in memory, since zarr writes files with several
+    threads, some of which continue after a failure.
     """
     members, block = len(table), made_of["block"]
     attributes = {ATTRIBUTES: dict(made_of), "statuses": [status.value for status in STATUSES]}
@@ -255,7 +257,7 @@ def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) 
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file, and make its folder if it does not exist."""
+    """Write the bytes `content` to a file, and make its folder if it does not exist."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
 
@@ -271,7 +273,7 @@ def _not_made(path: Path, error: OSError | ValueError) -> StatementError | RunEr
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Context that translates disk errors while a store is written into RunError, which says how to continue."""
+    """Context manager for writing to the store `path`: a disk error becomes a RunError that says how to continue."""
     try:
         yield
     except OSError as error:

@@ -48,8 +48,8 @@ def start_name(label: str, names: Collection[str]) -> str:
 def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequence[str], *, store: bool) -> None:
     """Raise StatementError if a coordinate, velocity or varying parameter has the name of another result.
 
-    `columns` are the results, `names` the entries of the state, and `labels` the names of values that vary. If `store`
-    is True, the names of a store's own variables count, too.
+    `columns` describe the results, `names` are the names of the entries of the state, and `labels` the names of the
+    values that vary. If `store` is True, the names of a store's own variables count, too.
     """
     kept = {column.name for column in columns}
     taken = {MEMBER, *kept - {STATE, OUTPUTS}, *((CHECKSUM,) if store else ())}
@@ -167,7 +167,10 @@ def difference(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
 
 
 def _parts(stored: Mapping[str, Any], current: Mapping[str, Any]) -> list[str]:
-    """Return the names of the parts in which the statements of two descriptions of an ensemble differ."""
+    """Return the names of the parts, such as "parameters", in which the statements of two ensembles differ.
+
+    `stored` is the description of the ensemble in a store, and `current` that of the call's ensemble.
+    """
     try:
         old = tomllib.loads(str(stored.get("statement")))
     except ValueError:

@@ -166,7 +166,11 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
 
 
 def _drawn(label: str, distribution: Any, probabilities: FloatArray) -> FloatArray:
-    """Return quantiles (m,) of a range (low, high) or a distribution at `probabilities` (m,), for the key `label`."""
+    """Return the random values (m,) of the key `label` as quantiles at the random `probabilities` (m,).
+
+    `distribution` is a range (low, high), for a uniform distribution, or a distribution of `scipy.stats`. Raises
+    StatementError for anything else, and for values that are not finite.
+    """
     quantile = getattr(distribution, "ppf", None)
     if callable(quantile):
         try:
@@ -201,10 +205,10 @@ def _drawn(label: str, distribution: Any, probabilities: FloatArray) -> FloatArr
 
 
 def _named(mapping: Any, what: str, entries: str) -> Any:
-    """Return the (key, value) entries of a dict that the user gives.
+    """Return the (key, value) entries of the dict `mapping` that the user gives.
 
-    `what` is the name of the argument, and `entries` describes its entries, for messages. Raises StatementError for an
-    empty dict, or for a key given twice.
+    `what` is the name of the argument, and `entries` describes its entries, both for messages. Raises StatementError
+    for an empty dict, or for a key given twice.
     """
     table = table_of(mapping, what, entries)
     if not table:
@@ -300,11 +304,16 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
 
 
 MOST_CHECKED = 100_000
-"""Largest number of members whose rotations are checked: their initial states and moments of inertia."""
+"""Largest number of members whose initial states of rotations and moments of inertia are checked. In a larger ensemble
+the first members are checked."""
 
 
 def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any], dict[int, Any]]:
-    """Return the keys by index in the state, by rate, and by index of a parameter. Raises StatementError for others."""
+    """Return for each varying key where its values are used, in three dicts.
+
+    The first dict maps the index of an entry of the state to its key, the second a rate of rotation, and the third the
+    index of a parameter. Raises StatementError for a key that is none of these.
+    """
     statement = model.statement
     rows, by_name = state_rows(statement.coordinates), {p.name: i for i, p in enumerate(statement.parameters)}
     turned = map(rotation_of, statement.rotations)
@@ -329,7 +338,10 @@ def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any
 
 
 def _divided(what: str, argument: Any) -> tuple[dict[Any, Any], list[Varied]]:
-    """Return the common values, by key, and the varying values in a user's `argument`, which messages call `what`."""
+    """Divide a user's `argument` into (values that all members share, by key; values that vary between members).
+
+    `argument` is a dict, a grid, a sample or None. Messages call it `what`. Raises StatementError for anything else.
+    """
     if argument is None:
         return {}, []
     if isinstance(argument, Varied):
@@ -351,9 +363,9 @@ def _divided(what: str, argument: Any) -> tuple[dict[Any, Any], list[Varied]]:
 
 
 def _values(label: str, array_like: Any) -> FloatArray:
-    """Return the values (members,) of the key `label` from an array or list of the user.
+    """Return the values (members,) of the key `label` from `array_like`, an array or list of the user.
 
-    Raises StatementError for other shapes and for values that are not finite.
+    Raises StatementError for an array that is empty or has another shape, and for values that are not finite.
     """
     values = real_array(array_like, label)
     if values.ndim != 1:
