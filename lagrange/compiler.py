@@ -59,34 +59,44 @@ class Stages:
     machine: Machine
 
     def kernel(self, name: str) -> Kernel:
-        """Return the compiled kernel of a quantity, such as "rhs"."""
+        """Return the compiled function that computes a quantity of the model, by its `name` such as "rhs"."""
         check_time()
         return self.machine.load(program_of(name, self.equations))
 
     def interpreted(self, name: str) -> Kernel:
-        """Return the interpreted kernel of a quantity. For few evaluations it is faster than compilation."""
+        """Return the function that computes the quantity `name`, such as "rhs", by the interpreter.
+
+        For few evaluations it is faster than a compiled one, because nothing is compiled.
+        """
         return InterpretedKernel(program_of(name, self.equations))
 
     def function(self, name: str, nodes: Sequence[Node]) -> Kernel:
-        """Return an interpreted kernel that evaluates nodes of the equations' graph. Error messages call it `name`."""
+        """Return an interpreted function that evaluates `nodes` of the equations' graph. Messages call it `name`."""
         return InterpretedKernel(lower_nodes(name, nodes, self.equations))
 
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
-        """Return the Taylor series of the motion and of the nodes `watched`, with the switching surfaces."""
+        """Return the compiled Taylor series of the motion and of the event functions `watched`.
+
+        The second result describes the switching surfaces of the system, which the series watches, too.
+        """
         check_time()
         program, switched = series_program(self.equations, watched)
         return self.machine.series(program), switched
 
     @property
     def rebuild(self) -> Callable[..., Model]:
-        """Function that compiles a statement for the same target. It can be pickled; its pickle has no equations."""
+        """Function that compiles a statement for the same target, for a model in another process.
+
+        It can be pickled. Its pickle is small, because it contains no equations.
+        """
         return partial(_on_machine, self.machine.name)
 
 
 def reached(statement: Statement, equations: Equations, states: FloatArray, parameters: FloatArray) -> list[FloatArray]:
-    """Return the nearest states on the constraints, a list of arrays (2n,), for the columns of `states` (2n, k).
+    """Return for each column of `states` (2n, k) the nearest state (2n,) on the constraints of a system, in a list.
 
-    `parameters` are the values of the parameters. States whose projection fails are left out.
+    `equations` are the equations of the statement, and `parameters` the values of the parameters. States whose
+    projection fails are left out.
     """
     projection = Projection(Model(statement, equations, Stages(equations, machine("numpy"))), 0.0, parameters)
     projected = (projection.reached(state) for state in states.T)
@@ -96,7 +106,8 @@ def reached(statement: Statement, equations: Equations, states: FloatArray, para
 def _on_machine(target: str, statement: Statement, kept: Sequence[int] | None = None) -> Model:
     """Return the model of a pickled statement for its target, or for numpy if that target is not installed.
 
-    `kept` has the indices of independent constraints, or is None if these indices are not known.
+    `kept` has the indices of the independent constraints, so that they need not be determined again. It is None if they
+    are not known.
     """
     try:
         on = machine(target)

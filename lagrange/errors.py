@@ -71,7 +71,7 @@ class RunError(LagrangeError):
 
 
 class _Short(reprlib.Repr):
-    """A short repr of any value, also of a very long value or a value whose own repr raises an exception."""
+    """Writer of short reprs, cut to about `most` characters, also of values whose own repr raises an exception."""
 
     def __init__(self, most: int) -> None:
         super().__init__()
@@ -95,7 +95,10 @@ def shown(value: Any, most: int = 80) -> str:
 
 
 def with_type(value: Any, most: int = 80) -> str:
-    """Return a short repr of a value and, unless it is None, its type, for a message."""
+    """Return a short repr of a value and its type for a message, such as "2.5 (float)"; only "None" for None.
+
+    The repr is cut to about `most` characters.
+    """
     return "None" if value is None else f"{shown(value, most)} ({type(value).__name__})"
 
 
@@ -109,7 +112,7 @@ TOO_LARGE = "too large for a floating-point number: give a number below 1.8e308"
 
 
 def has_many_parts(expression: Any) -> bool:
-    """Return True if a SymPy expression is too large, or nested too deeply, for a message."""
+    """Return True if a SymPy expression has so many parts, or is nested so deeply, that no message shows it."""
     waiting, count = [(expression, 0)], 0
     while waiting:
         node, level = waiting.pop()
@@ -132,7 +135,7 @@ def formula(expression: Any, most: int = 80) -> str:
 
 
 def _sentence(text: str) -> str:
-    """Return a message with control characters escaped; the middle of a message that is too long is left out."""
+    """Return the message `text` without control characters, cut to `LONGEST_SENTENCE` characters in its middle."""
     if not text.isprintable():
         text = " ".join(text.split("\n"))
         text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
@@ -144,7 +147,10 @@ def _sentence(text: str) -> str:
 
 
 def suggestion(given: str, known: Iterable[str]) -> str:
-    """Return `` Did you mean 'x'?`` for the closest known name, or an empty string."""
+    """Return the text `` Did you mean 'x'?`` with the name in `known` that is closest to the user's name `given`.
+
+    The text is empty if no name is close.
+    """
     names, short = sorted(known), given[:LONGEST_NAME]
     alike = [name for name in names if name.lower() == short.lower()]
     match = alike or get_close_matches(short, names, n=1, cutoff=0.6)

@@ -297,10 +297,10 @@ class System:
     ) -> Consistent:
         """Return the nearest state on the constraints: `.initial` is complete, `.moved` the largest change.
 
-        `initial` overlays the statement's initial state as in `run`. First the coordinates move, by the least distance
-        in the metric of the kinetic energy, then the velocities. Entries in `hold`, such as `[x, y.dot]`, do not
-        change. For a rotation R, `R` in `hold` fixes the orientation, `R.body` the orientation and its rates. Raises
-        StatementError if no such state is nearby, and names the violated constraints.
+        `initial` overlays the stated initial state, `parameters` the stated values; `t` is the time. First the
+        coordinates move, by the least distance in the metric of the kinetic energy, then the velocities. Entries in
+        `hold`, such as `[x, y.dot]`, do not change. For a rotation R, `R` in `hold` fixes the orientation, `R.body`
+        also its rates. Raises StatementError if no such state is nearby, and names the violated constraints.
         """
         from lagrange.compiler import machine, model_of
         from lagrange.trajectory.constraints.consistent import consistent
@@ -370,10 +370,10 @@ class System:
     ) -> Any:
         """Return sliders for parameters and initial values in a notebook, with a picture that follows them.
 
-        `explore(l=(0.1, 2), theta=(0, 3))` has a slider for the parameter l and one for the value of theta at t = 0.
-        `ranges` gives bounds by symbol, {theta.dot: (-1, 1)}. A notebook shows the page of `to_page` in a frame, with
-        these sliders first. Raises StatementError for a function that JavaScript lacks, and for a name that is not a
-        parameter, coordinate or velocity.
+        `explore(l=(0.1, 2), theta=(0, 3))` has sliders for the parameter l and for theta at t = 0; `ranges` gives
+        bounds by symbol, {theta.dot: (-1, 1)}. The notebook shows the page of `to_page` in a frame, with these sliders
+        first. `t_end` sets its speed and picture size; with `play` it starts at once. Raises StatementError for a
+        function that JavaScript lacks, and for a name that is not a parameter, coordinate or velocity.
         """
         from lagrange.page.web_page import explore
 
@@ -537,9 +537,9 @@ class System:
     def modes(self, at: Mapping[Any, Any] | None = None) -> ShownModes:
         """Return frequencies, shapes and stability of small oscillations about an equilibrium; `plot()` draws them.
 
-        Results are symbolic if the frequencies follow from quadratic equations, else numbers for the values of the
-        parameters. Frequencies are in radians per unit of time. Raises StatementError away from equilibrium. Goldstein,
-        Poole, Safko, 3rd ed., section 6.2.
+        `at` is the equilibrium, as in `linearize`. Results are symbolic if the frequencies follow from quadratic
+        equations, else numbers for the values of the parameters. Frequencies are in radians per unit of time. Raises
+        StatementError away from equilibrium. Goldstein, Poole, Safko, 3rd ed., section 6.2.
         """
         from lagrange.mechanics.expansion import stated_point
         from lagrange.mechanics.modes import modes
@@ -589,7 +589,7 @@ def _from_text(text: str) -> System:
 
 
 def _reached(*given: Any) -> list[Any]:
-    """Return `compiler.reached(*given)`: the nearest states on the constraints, without failed projections."""
+    """Return `compiler.reached(statement, equations, states, parameters)`: the nearest states on the constraints."""
     from lagrange.compiler import reached
 
     return reached(*given)

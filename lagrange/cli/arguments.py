@@ -44,7 +44,7 @@ class Help(argparse.HelpFormatter):
     """
 
     def add_argument(self, action: argparse.Action) -> None:
-        """Add an argument to the help text, and widen the column of command names by the indentation."""
+        """Add an argument to the help text, and make the column of command names wider by their indentation."""
         super().add_argument(action)
         if action.nargs == argparse.PARSER:
             self._action_max_length += self._indent_increment
@@ -60,14 +60,14 @@ class CommandParser(argparse.ArgumentParser):
     add_options: Callable[[CommandParser], None] | None = None
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        """Add the options of the command, then parse the arguments."""
+        """Parse the arguments `args` as argparse does, after the options of this command were added to the parser."""
         if self.add_options is not None:
             add, self.add_options = self.add_options, None
             add(self)
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Print the usage and the error, and exit with code 2."""
+        """Print the usage and the error `message` to standard error, with a suggestion, and exit with code 2."""
         self.print_usage(sys.stderr)
         text = str(LagrangeError(f"{self.prog}: error: {message.rstrip('.')}.{self._hint(message)}"))
         self.exit(WRONG, fitted(text, sys.stderr) + "\n")
@@ -83,12 +83,12 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def add_scene(command: CommandParser) -> None:
-    """Add the argument SCENE."""
+    """Add to the parser `command` the argument SCENE: a scene file, or a name in the scene library."""
     command.add_argument("scene", metavar="SCENE", help="a scene file, or a name that `lagrange scenes` lists")
 
 
 def add_json(command: CommandParser) -> None:
-    """Add the option --json, which prints the answer as data."""
+    """Add to the parser `command` the option --json, which prints the answer of the command as JSON instead of text."""
     command.add_argument("--json", action="store_true", help="print one JSON document instead of text")
 
 
@@ -150,9 +150,9 @@ def load_scene(request: argparse.Namespace) -> System:
 
 
 def folder(name: str) -> Path:
-    """Return the path of a folder to write to. The folder is created if it is missing.
+    """Return the path of the folder `name`, the argument of --out. The folder is created if it is missing.
 
-    Raises StatementError for a folder that cannot be used.
+    Raises StatementError for a folder that cannot be used, and for the name of a file.
     """
     if not name:
         raise StatementError("--out: the name of the folder is empty. Give one, such as --out out, or . for this one.")
@@ -202,7 +202,10 @@ def given_number(option: str, text: str | None) -> float | None:
 
 
 def number(option: str, text: str) -> float:
-    """Return the value of a text such as 30deg or 2*pi/3. Raises StatementError if it is not a number."""
+    """Return the value of a text such as 30deg or 2*pi/3, which a user gives for an `option` such as --set.
+
+    Raises StatementError, with the name of the option, if the text is not a number.
+    """
     wrong = StatementError(f"{option}: {text[:80]!r} is not a number. Write one such as 2, 1e-3, 30deg or pi/6.")
     match = NUMBER.fullmatch(text)
     if not match or not (match[2] or match[3] == "pi"):

@@ -29,7 +29,7 @@ UNREADABLE = "cannot be read"  # Verdict for an answer that cannot be read
 
 
 def add_grade(command: CommandParser) -> None:
-    """Add the arguments of `grade`."""
+    """Add to the parser `command` the arguments of the command `grade`: the students' equations, and --out."""
     command.add_argument(
         "file",
         metavar="FILE",
@@ -97,9 +97,9 @@ def _grade_folder(system: System, folder: Path, out: str | None, *, progress: bo
 
 
 def _graded(system: System, path: Path) -> dict[str, Any]:
-    """Return the result for one file as a dict: the columns of the table, and all fields of the comparison for --json.
+    """Compare the equations in one file with those of a system, and return a row of the table as a dict.
 
-    Only the column "student" is missing.
+    The row has the columns of the table except "student", and all fields of the comparison, for --json.
     """
     row: dict[str, Any] = {"file": str(path), "right": False, "reading": ""}
     try:

@@ -114,7 +114,10 @@ class Interruption:
             signal.signal(number, signal.SIG_IGN)
 
     def handle(self, number: int, frame: FrameType | None) -> None:
-        """Handle the signal `number`: raise `Signalled`, or during an import send the signal again later."""
+        """Handle the signal `number`: raise `Signalled`, or during an import send the signal again later.
+
+        `frame` is the stack frame at which the signal arrived, from which an import is recognized.
+        """
         self.number = self.number or number
         if _importing(frame):
             self._come_again()

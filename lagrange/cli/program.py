@@ -182,7 +182,7 @@ def _add_options(place: str, name: str, command: CommandParser) -> None:
 
 
 def add_derive(command: CommandParser) -> None:
-    """Add the arguments of `derive`."""
+    """Add to the parser `command` the options of the command `derive`, such as --format and --detail."""
     command.add_argument(
         "--format", choices=FORMATS, help="language of the page (default: unicode in a terminal that has it, else text)"
     )
@@ -205,7 +205,7 @@ def check(request: argparse.Namespace) -> Answer:
 
 
 def add_new(command: CommandParser) -> None:
-    """Add the arguments of `new`."""
+    """Add to the parser `command` the arguments of the command `new`: the name of the scene, and the option --out."""
     command.add_argument("name", metavar="NAME", help="name of the scene; the file is NAME.toml")
     command.add_argument("--out", metavar="DIR", default=".", help="folder to write it to (default: this one)")
 
@@ -240,7 +240,7 @@ SCENES = Path(__file__).resolve().parent.parent / "scenes"
 
 
 def add_scenes(command: CommandParser) -> None:
-    """Add the arguments of `scenes`."""
+    """Add to the parser `command` the option --long of the command `scenes`, for more lines on each scene."""
     command.add_argument(
         "--long", action="store_true", help="with coordinates, constraints, end, method and source of each"
     )

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 def add_run(command: CommandParser) -> None:
-    """Add the arguments of `run`."""
+    """Add to the parser `command` the options of the command `run`, such as --points and --out."""
     add_start(command)
     command.add_argument("--points", metavar="N", help="output at N equally spaced times instead of at every step")
     command.add_argument(
@@ -71,7 +71,7 @@ def _times(system: System, run_arguments: dict[str, Any], points: int | None) ->
 
 
 def _end(system: System, run_arguments: dict[str, Any]) -> float:
-    """Return the end time in the keyword arguments of a run, or the stated end time if that is None."""
+    """Return the end time in `run_arguments`, the keyword arguments of a run, or the stated one if that is None."""
     t_end: float | None = run_arguments["t_end"]
     return system.statement.run.t_end if t_end is None else t_end
 
@@ -87,7 +87,7 @@ def _in_folder(code: int, result: Any, data: dict[str, Any], target: Path | None
 
 
 def add_race(command: CommandParser) -> None:
-    """Add the arguments of `race`."""
+    """Add to the parser `command` the options of the command `race`, such as --methods and --out."""
     add_start(command, method=False)
     command.add_argument("--methods", metavar="A,B", help="methods, such as dop853,rk4 (default: a telling choice)")
     command.add_argument("--tolerances", metavar="X,Y", help="tolerances of adaptive methods (default: 1e-3 to 1e-13)")
@@ -125,7 +125,7 @@ TABLE, STORE = ".csv", ".zarr"
 
 
 def add_ensemble(command: CommandParser) -> None:
-    """Add the arguments of `ensemble`."""
+    """Add to the parser `command` the options of the command `ensemble`, such as --vary and --keep."""
     command.add_argument(
         "--vary",
         metavar="NAME=LOW:HIGH:COUNT",
@@ -227,7 +227,8 @@ def _target(request: argparse.Namespace) -> Path | None:
 
 
 MOST_WITHOUT_STORE = 10_000_000
-"""Largest number of members without a store: the fastest takes minutes, and cannot be continued later."""
+"""Largest number of members without a store. So many take minutes even for the fastest systems, and without a store an
+interrupted ensemble cannot be continued."""
 
 
 def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped: bool) -> str:

@@ -32,7 +32,7 @@ from lagrange.show.files.atomic_file import check_place, write_atomically
 
 
 def add_export(command: CommandParser) -> None:
-    """Add the arguments of `export`."""
+    """Add to the parser `command` the options of the command `export`, such as --target and --out."""
     command.add_argument("--target", required=True, metavar="NAME", help="such as c; `lagrange targets` lists them")
     command.add_argument("--out", required=True, metavar="DIR", help="folder for the files")
     command.add_argument(
@@ -62,7 +62,7 @@ def targets(request: argparse.Namespace) -> Answer:
 
 
 def add_page(command: CommandParser) -> None:
-    """Add the arguments of `page`."""
+    """Add to the parser `command` the options of the command `page`, such as --out and --slider."""
     command.add_argument("--out", required=True, metavar="FILE", help="the file to write, such as page.html")
     add_parameters(command)
     add_initial(command)
@@ -88,7 +88,7 @@ def page(request: argparse.Namespace) -> Answer:
 
 
 def add_plot(command: CommandParser) -> None:
-    """Add the arguments of `plot`."""
+    """Add to the parser `command` the options of the command `plot`, such as --out and --what."""
     command.add_argument(
         "--out", metavar="FILE", help="picture to write: .png, .svg or .pdf (default: the name of the scene with .png)"
     )
@@ -119,7 +119,7 @@ def plot(request: argparse.Namespace) -> Answer:
 
 
 def add_animate(command: CommandParser) -> None:
-    """Add the arguments of `animate`."""
+    """Add to the parser `command` the options of the command `animate`, such as --out and --fps."""
     command.add_argument(
         "--out",
         metavar="FILE",

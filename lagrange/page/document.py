@@ -36,7 +36,7 @@ PAGE_STEPS = 5000  # Largest number of integration steps between two states that
 
 
 def contents(statement: Statement) -> tuple[str, ...]:
-    """Return the names of the quantities that the JavaScript of a system's page computes."""
+    """Return the names of the quantities, such as "energies", that the JavaScript of a system's page has to compute."""
     optional = {"energies": not statement.lagrangian_alone, "positions": bool(statement.positions)}
     return (*ALWAYS, *(name for name, present in optional.items() if present))
 
@@ -138,7 +138,8 @@ def _points(statement: Statement) -> dict[str, Any]:
 def rate_of(t_end: float) -> float:
     """Return the speed at which a page plays: time of the run per second on the screen, with the sign of `t_end`.
 
-    The speed is 1, or for very short and very long runs `t_end` / `SHOWN`, rounded to one digit.
+    The speed is 1 for a run of `SHORTEST_RUN` to `LONGEST_RUN` units of time. Any other run is shown in `SHOWN`
+    seconds: its speed is `t_end` / `SHOWN`, rounded to one digit.
     """
     length = abs(t_end)
     shown = 1.0 if SHORTEST_RUN <= length <= LONGEST_RUN else float(f"{length / SHOWN:.1g}")
@@ -192,7 +193,7 @@ def _variables(style: FigureStyle, count: int) -> str:
 TEMPLATE = Path(__file__).resolve().parent / "template"
 
 PICTURES = ("numbers", "view", "picture", "plots", "controls", "page")
-"""Scripts that draw and control a motion."""
+"""Names of the JavaScript files that draw and control a motion, in the order in which they are joined."""
 
 COMPUTED = ("motion", "sliders")  # Scripts of a motion that the page computes
 RECORDED = ("recording",)  # Scripts of a recorded motion
@@ -226,12 +227,12 @@ def template(name: str) -> str:
 
 @cache
 def joined(*names: str) -> str:
-    """Return the JavaScript files with these names in the folder of page templates, as one text."""
+    """Return one script: the JavaScript files with these names, without .js, from the folder of page templates."""
     return '"use strict";\n' + "\n".join(template(f"{name}.js") for name in names)
 
 
 def short(text: str) -> str:
-    """Return a script or a style sheet without its comments and indents."""
+    """Return `text`, a script or a style sheet, without its comments, indents and empty lines."""
     return "\n".join(line.strip() for line in _COMMENT.sub("", text).splitlines() if line.strip())
 
 
@@ -259,7 +260,8 @@ def filled(template: str, parts: Mapping[str, str]) -> str:
 
 
 _ESCAPED = str.maketrans({mark: f"\\u{ord(mark):04x}" for mark in "<>&"})
-"""Escapes in JSON for the characters that have a meaning in HTML. `json` itself escapes characters beyond ASCII."""
+"""Translation of the characters that have a meaning in HTML to their escapes in JSON. `json` itself escapes all
+characters beyond ASCII."""
 
 
 def as_json(data: Mapping[str, Any]) -> str:
@@ -268,7 +270,10 @@ def as_json(data: Mapping[str, Any]) -> str:
 
 
 def in_frame(page: str, title: str, width: int, height: int) -> str:
-    """Return the HTML of an iframe that contains a page, so that the page and a notebook do not affect each other."""
+    """Return the HTML of an iframe that contains `page`, so that the page and a notebook do not affect each other.
+
+    `title` is the title of the frame. `width` is its largest width in pixels, and `height` its height.
+    """
     style = f"width:100%;max-width:{width}px;height:{height}px;border:0;display:block"
     inside = page.replace("&", "&amp;").replace('"', "&quot;")
     return f'<iframe title="{title}" sandbox="allow-scripts" style="{style}" srcdoc="{inside}"></iframe>'

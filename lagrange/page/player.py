@@ -47,7 +47,7 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 BESIDES = 250
-"""Height in pixels of the name, the controls and the plots of a player together, without the moving picture."""
+"""Height in pixels of a player without its moving picture: the name, the controls and the plots together."""
 
 LEVELS = 2**13
 """Number of quantization levels between the least and the largest value of a recorded curve: one level is about an
@@ -115,9 +115,9 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
 
 
 def _rows(record: Recording) -> list[FloatArray]:
-    """Return the recorded curves (S,) in the order of the page's scripts.
+    """Return the curves (S,) of the recording `record` in the order of the page's scripts.
 
-    The order is coordinates of all points, entries of the state, the energies E, T and V as far as they are recorded,
+    The order is: coordinates of all points, entries of the state, those of the energies E, T and V that are recorded,
     and the relative change of E if E is recorded.
     """
     names = [*record.statement.drawn]
@@ -134,16 +134,19 @@ def _rows(record: Recording) -> list[FloatArray]:
 
 
 def _scale(row: FloatArray) -> tuple[float, float]:
-    """Return the least value of a recorded curve, and the step of the grid to which its values are rounded."""
+    """Return two numbers for the storage of a recorded curve `row` (S,): its least value, and the quantization step.
+
+    Values are stored as multiples of this step above the least value.
+    """
     low, high = float(row.min()), float(row.max())
     return low, float(f"{(high - low) / LEVELS:.6e}")
 
 
 def packed(rows: Sequence[FloatArray]) -> bytes:
-    """Return curves of equal length as bytes that compress well.
+    """Return recorded curves of equal length as bytes that compress well, for the script that reads them on the page.
 
-    The values of each curve are rounded to whole numbers of steps of a grid and differenced twice. Each second
-    difference has 16 bits. All low bytes come before all high bytes.
+    The values of each curve in `rows` are rounded to whole multiples of a quantization step, and differenced twice.
+    Each second difference has 16 bits. All low bytes come before all high bytes.
     """
     whole = np.zeros((len(rows), len(rows[0])), dtype=np.int64)
     for k, row in enumerate(rows):
@@ -280,9 +283,9 @@ def animate(
     """Return the animation of a run, and write it to `path` unless `path` is None.
 
     `fps` is the number of frames per second, and `speed` the time of the run per second on the screen. `size` is the
-    width and height in pixels. `trail` is the duration of the trails behind moving points, in the time of the run.
-    `style` is "auto", "light" or "dark". None means the default. Raises StatementError for invalid arguments, and for a
-    run without outputs.
+    width and height in pixels. `trail` is the duration of the trails behind moving points, in the time of the run. None
+    means the default. `style` is "auto", "light" or "dark". With `progress` the part of the frames that is drawn is
+    shown while the file is written. Raises StatementError for invalid arguments, and for a run without outputs.
     """
     one_of(style, STYLES, "style = {given}: give one of {known}.")
     options = checked_options(size, trail)

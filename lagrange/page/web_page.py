@@ -65,7 +65,7 @@ EXAMPLE = (0.5, 2.0)  # Example of bounds in an error message
 
 @dataclass(frozen=True)
 class Slider:
-    """A slider for one value of a system, with the bounds `low` and `high`.
+    """A slider of a page for one value of a system, with the bounds `low` and `high`.
 
     `kind` is `PARAMETER`, `STATE` or `RATE`. `place` is the index of the value among the parameters, in the initial
     state, or among the rates of rotation of all bodies, three for each body. `chosen` is true if the user chose the
@@ -206,7 +206,10 @@ def parameter_bounds(value: float) -> tuple[float, float]:
 
 
 def nice(size: float) -> float:
-    """Return the least number that is not below `size` and has one of the digits 1, 2, 3 and 5, such as 0.3."""
+    """Return the least round bound of a slider that is not below `size`: a number with the one digit 1, 2, 3 or 5.
+
+    For 0.27 it is 0.3.
+    """
     if not math.isfinite(1 / size):
         return size
     unit = 10.0 ** math.floor(math.log10(size))
@@ -215,10 +218,11 @@ def nice(size: float) -> float:
 
 
 def _states(model: Model, parameters: tuple[float, ...], initial: tuple[float, ...]) -> Iterator[Slider]:
-    """Yield the sliders of the initial coordinates and velocities.
+    """Yield the sliders of the initial coordinates and velocities, from their values `initial` (2n,).
 
-    The bounds of a velocity that starts at zero follow from the acceleration of the coordinate. Accelerations that
-    cannot be computed count as zero, because the page itself reports that.
+    `parameters` are the values of the parameters. The bounds of a velocity that starts at zero follow from the
+    acceleration of the coordinate. Accelerations that cannot be computed count as zero, because the page itself reports
+    that.
     """
     statement = model.statement
     n = len(statement.names)
@@ -265,7 +269,7 @@ class FoldedFormulas(HtmlPage):
         return self.folding(section, inside, folded=section.heading not in OPEN)
 
     def letter(self, name: str) -> str:
-        """Return the symbol of a coordinate, velocity or parameter in MathML; a velocity is written as dx/dt."""
+        """Return MathML of the coordinate, velocity or parameter `name`; a velocity is written as dx/dt."""
         base = name.removesuffix("_dot")
         rate = name != base and base in self.statement.names
         letter = self.lines.sides.notation.letter(base if rate else name, 0)
