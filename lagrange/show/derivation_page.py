@@ -30,7 +30,8 @@ from lagrange.statement.statement import Statement
 
 INDENT = "    "
 _WORD = re.compile(r"(?<![\\\w])[A-Za-z](?:\\_|\w)*")
-"""Pattern of a word in a sentence with escaped characters: no LaTeX command; its underscores may be escaped."""
+"""Pattern of a word in a sentence with escaped characters. Its underscores may be escaped. The name of a LaTeX command,
+after a backslash, does not match."""
 
 COMPACT = (
     "\\AtBeginDocument{\\abovedisplayskip=1pt plus 4pt \\belowdisplayskip=\\abovedisplayskip",
@@ -92,7 +93,7 @@ class TextPage(Page):
     """Writer of plain text, spelled as in scene files: theta_dot for a velocity, theta_ddot for an acceleration."""
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return a derivation as plain text: the heading of each section, and below it the indented rows."""
+        """Return the derivation as plain text: the heading of each of the `sections`, and its rows, indented."""
         lines = [plain_text(self.title)]
         lines += [plain_text(text) for text in (self.above.author, self.above.date, self.above.problem) if text]
         for section in sections:
@@ -102,7 +103,10 @@ class TextPage(Page):
         return "\n".join(line.rstrip() for line in lines) + "\n"
 
     def row(self, row: Formula | str) -> list[str]:
-        """Return a formula or a sentence of a section as lines of text; continuation lines are indented once more."""
+        """Return `row`, a formula or a sentence of a section, as lines of text.
+
+        A line that continues a formula or a sentence is indented once more.
+        """
         if isinstance(row, str):
             return [plain_text(row)]
         lines: list[str] = []
@@ -128,7 +132,7 @@ class LatexPage(Page):
         "appear in L:": "appear in $L$:",
         "M a = h": "$M \\ddot q = h$",
     }
-    """LaTeX formula for each formula in plain text that occurs in sentences about the structure of a system."""
+    """Formulas that occur in sentences about the structure of a system: plain text, and the LaTeX that replaces it."""
 
     notation = LatexNotation
 
@@ -146,7 +150,7 @@ class LatexPage(Page):
         return f"{lines[0].left} = {lines[0].right}" if lines[0].left else lines[0].right
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return a derivation as a complete LaTeX document."""
+        """Return the derivation that consists of `sections` as a complete LaTeX document."""
         lines = [
             "\\documentclass[a4paper]{article}",
             "\\usepackage[T1]{fontenc}",
@@ -181,7 +185,7 @@ class LatexPage(Page):
                 yield self.row(group[0]) if len(group) == 1 else f"\\[ {joined} \\]"
 
     def sentence(self, text: str, quoted: Callable[[str], str]) -> str:
-        """Return a sentence in LaTeX, with its symbols as formulas; `quoted` escapes the other words.
+        """Return the sentence `text` in LaTeX, with its symbols as formulas; `quoted` escapes the other words.
 
         Symbols are a coordinate at the start of the sentence, momenta, Greek letters, names that end with a digit, and
         rotations with their entries and rates.
@@ -204,7 +208,7 @@ class LatexPage(Page):
         return shown
 
     def row(self, row: Formula | str) -> str:
-        """Return a sentence as a paragraph of LaTeX, or a formula on its own lines."""
+        """Return `row` in LaTeX: a sentence as a paragraph, or a formula on its own lines."""
         if isinstance(row, str):
             return self.sentence(row, latex_text) + "\\par"
         lines = self.lines.formula(row)
@@ -215,7 +219,7 @@ class MarkdownPage(LatexPage):
     """Writer of Markdown with LaTeX formulas."""
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return a derivation as Markdown with headings, sentences, and formulas between double dollar signs."""
+        """Return the derivation that consists of `sections` as Markdown, with formulas between double dollar signs."""
         lines = [f"# {markdown_text(self.title)}"]
         for text in (self.above.author, self.above.date, self.above.problem):
             lines += ["", markdown_text(text)] if text else []
@@ -238,7 +242,7 @@ class HtmlPage(Page):
     notation = MathmlNotation
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return a derivation as a complete HTML page that loads no other file."""
+        """Return the derivation that consists of `sections` as a complete HTML page that loads no other file."""
         title = escape(plain_text(self.title))
         above = (self.above.author, self.above.date, self.above.problem)
         paragraphs = "".join(f"<p>{escape(plain_text(text))}</p>\n" for text in above if text)
@@ -256,12 +260,12 @@ class HtmlPage(Page):
         return self.folding(section, "\n".join(rows), folded=long)
 
     def folding(self, section: Section, inside: str, *, folded: bool) -> str:
-        """Return the HTML of a section whose content `inside` folds under its heading."""
+        """Return the HTML of a section whose content `inside` folds under its heading; at first closed if `folded`."""
         heading = self.heading(section, escape, "<math>{}</math>")
         return f"<details{'' if folded else ' open'}><summary>{heading}</summary>\n{inside}\n</details>\n"
 
     def row(self, row: Formula | str) -> str:
-        """Return a sentence or a formula as a paragraph of HTML."""
+        """Return `row`, a sentence or a formula, as a paragraph of HTML."""
         if isinstance(row, str):
             return f"<p>{escape(plain_text(row))}</p>"
         lines = self.lines.formula(row)

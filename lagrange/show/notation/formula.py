@@ -25,7 +25,8 @@ PARAMETER, MULTIPLIER, POSITION, VELOCITY, ACCELERATION, FUNCTION = range(6)
 GRAVITY = (PARAMETER, LETTERS.index("g"))
 MASS = (PARAMETER, LETTERS.index("m M mu"))
 LAST = (POSITION, 0, 1_000_000)
-"""Rank of time and of symbols that are not in the statement: they follow the coordinates."""
+"""Rank, for the order of symbols in a product or sum, of time and of symbols that are not in the statement. They follow
+the coordinates."""
 
 Key = tuple[Any, ...]
 
@@ -64,8 +65,9 @@ class BookOrder:
         return frozenset(node for part in stated for node in part.xreplace(statement.plain).atoms(sympy.Add))
 
     def symbols(self, expression: Any) -> list[tuple[int, int, int]]:
-        """Return the ranks (kind, class of the letter, index) of the symbols in an expression, in ascending order.
+        """Return the ranks of the symbols in an expression, in ascending order.
 
+        A rank is (kind of the symbol, such as parameter or velocity; class of its letter; its index in the statement).
         Time and unknown symbols rank after the coordinates.
         """
         return sorted(self.rank.get(symbol, LAST) for symbol in expression.free_symbols)
@@ -136,7 +138,7 @@ class BookOrder:
         return 1 if len(powers) > 1 else 2 if powers == [1] else 0
 
     def _power(self, term: Any, rank: tuple[int, int, int]) -> int:
-        """Return the exponent of the symbol with rank `rank` in the product `term`, 1 if the product lacks it.
+        """Return the exponent of the symbol with the rank `rank` in the product `term`, 1 if it does not occur in it.
 
         Exponents sort x^2 before x y, and x y before y^2.
         """
@@ -184,7 +186,7 @@ class BookOrder:
         return (masses or total not in self.sums) and term not in self.typed
 
     def turned(self, total: Any) -> bool:
-        """Return True if a sum in parentheses is written as -(...) with all signs reversed.
+        """Return True if the sum `total`, in parentheses, is written as -(...) with all signs reversed.
 
         A sum of the statement keeps its signs if it has a positive term. Any other sum is written so that most of its
         terms are positive. If half of its terms are positive, the first term is made positive.
@@ -231,7 +233,7 @@ def given_function(node: Any) -> str:
 
 
 def _natural(parameter: Any) -> list[tuple[int, str]]:
-    """Return the sort key of a parameter's name, by which m2 comes before m10."""
+    """Return a key that sorts parameters by name with numbers in numerical order: m2 comes before m10."""
     head, parts = index_parts(parameter.name)
     return [(int(part) if part.isdigit() else 0, part) for part in (head, *parts)]
 
@@ -255,7 +257,8 @@ LARGEST_WHOLE = 10**6  # Largest whole number that is printed without decimals i
 class Typesetter:
     """Writes SymPy expressions of a statement in a notation, as text in the order of textbooks.
 
-    Many methods take expressions in plain symbols: each coordinate q(t) and its derivatives are replaced by a symbol.
+    Many methods take expressions "in plain symbols": a symbol replaces each coordinate q(t), and another one each of
+    its derivatives.
     """
 
     def __init__(self, statement: Statement, notation: Notation) -> None:
@@ -276,24 +279,33 @@ class Typesetter:
             self.letters[entry] = notation.letter(name_of(entry))
 
     def write(self, expression: Any) -> str:
-        """Return the text of an expression in q(t) and its derivatives, or in plain symbols."""
+        """Return the text of an expression, in which coordinates are functions q(t) or plain symbols."""
         return self.piece(self.plainly(expression)).text
 
     def plainly(self, expression: Any) -> Any:
-        """Return the expression with q(t) and its derivatives replaced by plain symbols."""
+        """Return the expression with a plain symbol in place of each coordinate q(t) and each of its derivatives."""
         return expression.xreplace(self.plain)
 
     def terms(self, expression: Any) -> list[tuple[bool, str]]:
-        """Return the ordered terms of an expression in plain symbols: pairs (True if subtracted, text)."""
+        """Return the terms of a sum as pairs (True if subtracted, text without sign), in the order of textbooks.
+
+        The sum has plain symbols in place of coordinates q(t) and their derivatives.
+        """
         signed = map(self.signed, self.ordered(expression))
         return [(negative, self.notation.grouped(piece, PRODUCT)) for negative, piece in signed]
 
     def ordered(self, expression: Any) -> list[Any]:
-        """Return the terms of an expression in plain symbols, in the order of textbooks."""
+        """Return the terms of a sum in the order of textbooks, as SymPy expressions.
+
+        The sum has plain symbols in place of coordinates q(t) and their derivatives.
+        """
         return self.order.terms(sympy.Add.make_args(expression), lambda term: self.signed(term)[0])
 
     def piece(self, node: Any) -> FormulaPiece:
-        """Return the text of an expression in plain symbols, with the precedence of its outermost operation."""
+        """Return the text of the expression `node`, with the precedence of its outermost operation.
+
+        The expression has plain symbols in place of coordinates q(t) and their derivatives.
+        """
         if node.is_Add or self.signed(node)[0]:
             return FormulaPiece(self.notation.signs(self.terms(node)), SUM)
         return self.signed(node)[1]
@@ -312,10 +324,10 @@ class Typesetter:
         return self._signed[node]
 
     def parts(self, node: Any) -> tuple[bool, list[Any], list[Any], Any]:
-        """Split a term into a sign, a numerator, a denominator and a number, and return these four.
+        """Split the term `node`, such as -2*x/3, into (True if subtracted, numerator, denominator, number).
 
-        The sign is True for a subtracted term. Numerator and denominator are lists of pairs of a base and a positive
-        exponent, in the order of textbooks. The number is the absolute value of the numerical factor.
+        Numerator and denominator are lists of pairs of a base and a positive exponent, in the order of textbooks. The
+        number is the absolute value of the numerical factor: 2/3.
         """
         number, factors = self.under_one_root(node)
         above: list[Any] = []
@@ -334,9 +346,10 @@ class Typesetter:
         return bool(number.is_negative), above, below, abs(number)
 
     def under_one_root(self, product: Any) -> tuple[Any, list[Any]]:
-        """Return the numerical factor of a product, and its other factors, with all square roots of constants as one.
+        """Return the numerical factor of a product and a list of its other factors, with one square root of constants.
 
-        SymPy writes the frequency sqrt(2*g/(3*(R - r))) as sqrt(6)*sqrt(g)*sqrt(1/(R - r))/3.
+        SymPy writes the frequency sqrt(2*g/(3*(R - r))) as sqrt(6)*sqrt(g)*sqrt(1/(R - r))/3. The result is then 1, and
+        a list with the first form.
         """
         number, rest = product.as_coeff_Mul()
         factors = list(sympy.Mul.make_args(rest))
@@ -351,9 +364,10 @@ class Typesetter:
         return number, [*outside, sympy.Pow(inside, sympy.S.Half, evaluate=False)]
 
     def quotient(self, above: list[Any], below: list[Any], number: Any) -> FormulaPiece:
-        """Return the text of number * above / below; `above` and `below` are lists of pairs (base, exponent).
+        """Return the text of the product of `number` and the factors `above`, divided by the factors `below`.
 
-        If the notation has `fractions_in_front`, constants are a separate fraction, as in (g/l) sin(theta).
+        A factor is a pair (base, exponent). If the notation has `fractions_in_front`, constants are a separate
+        fraction, as in (g/l) sin(theta).
         """
         top, bottom = (
             (sympy.Integer(number.p), sympy.Integer(number.q)) if number.is_Rational else (number, sympy.S.One)
@@ -384,7 +398,7 @@ class Typesetter:
         return [*([] if number == 1 else [self.number(number)]), *map(self.power, pairs)]
 
     def power(self, pair: tuple[Any, Any]) -> FormulaPiece:
-        """Return the text of a power, given as (base, exponent); the exponent is positive or a symbol."""
+        """Return the text of the power `pair`, a tuple (base, exponent); the exponent is positive or symbolic."""
         base, exponent = pair
         if exponent == 1:
             return self.atom(base)
@@ -402,7 +416,10 @@ class Typesetter:
         return self.notation.raised(inside, written)
 
     def atom(self, node: Any) -> FormulaPiece:
-        """Return the text of an expression that is not a sum, a product or a power."""
+        """Return the text of the expression `node`, such as a symbol, a number, a function or a derivative.
+
+        A sum, a product or a power gets the text that `piece` returns.
+        """
         if node in self.letters:
             return FormulaPiece(self.letters[node], simple=True)
         if node.is_Add or node.is_Mul or node.is_Pow:
@@ -421,14 +438,17 @@ class Typesetter:
         return self.function(node)
 
     def function(self, node: Any, exponent: str = "") -> FormulaPiece:
-        """Return the text of a function, raised to `exponent`; a function of time alone is written as a letter."""
+        """Return the text of the function `node` with its arguments, raised to `exponent` unless that is empty.
+
+        A known function of time alone, such as X(t), is written as a letter.
+        """
         if isinstance(node, AppliedUndef) and node.args == (t,):
             return FormulaPiece(self.notation.letter(node.func.__name__), simple=True)
         name = NAME_OF_CLASS.get(node.func, node.func.__name__)
         return self.notation.function(name, [self.piece(part) for part in node.args], exponent)
 
     def derivative(self, node: Any) -> FormulaPiece:
-        """Return the text of a derivative: dots over a function of time, primes after any other function."""
+        """Return the text of the derivative `node`: dots over a function of time, primes after any other function."""
         inner, point = (node.expr, node.point[0]) if isinstance(node, sympy.Subs) else (node, None)
         function, (variable, times) = inner.expr, inner.variable_count[0]
         simple = len(inner.variable_count) == 1 and isinstance(function, AppliedUndef) and len(function.args) == 1
@@ -440,7 +460,7 @@ class Typesetter:
         return self.notation.function("derivative", [self.piece(part) for part in (function, *inner.variables)])
 
     def condition(self, when: Any) -> str:
-        """Return the text of a condition; empty if it always holds."""
+        """Return the text of `when`, the condition of a value in a piecewise expression; empty if it always holds."""
         if when == sympy.true:
             return ""
         if when.func in JOINED:

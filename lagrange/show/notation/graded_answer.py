@@ -23,10 +23,10 @@ _DIFFERENCE = re.compile(r"\(([^()]{1,30}-[^()]{1,30})\)")
 
 
 def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:
-    """Return the comparison of an answer, as texts or SymPy, with the equations of a statement.
+    """Return the comparison of a student's `answer`, as texts or SymPy, with the equations of a statement.
 
-    Sums in the messages have the signs that the student typed, m1 - m2 or m2 - m1. Raises StatementError for an answer
-    that cannot be read.
+    `derivation` is the derivation of the statement. Sums in the messages have the signs that the student typed, m1 - m2
+    or m2 - m1. Raises StatementError for an answer that cannot be read.
     """
     typeset = Typesetter(statement, Notation((*statement.names, *(p.name for p in statement.parameters))))
     typeset.letters |= {constraint.multiplier: f"{MULTIPLIER}{constraint.name}" for constraint in statement.constraints}

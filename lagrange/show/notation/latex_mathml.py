@@ -61,7 +61,7 @@ class LatexNotation(BookNotation):
         return spelled + (f"_{_argument(' '.join(map(self.letter, indices)))}" if indices else "")
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
-        r"""Return a number, with a power of ten if `exponent` is given: 6.674 \cdot 10^{-11}."""
+        r"""Return a number, `digits` times a power of ten if `exponent` is given: 6.674 \cdot 10^{-11}."""
         if exponent is None:
             return FormulaPiece(digits, simple=True)
         return FormulaPiece(f"{digits} \\cdot 10^{{{exponent}}}", POWER)
@@ -71,19 +71,22 @@ class LatexNotation(BookNotation):
         return f"\\left({inside}\\right)" if "\\frac" in inside or "\\begin" in inside else f"({inside})"
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
-        r"""Return a fraction: \frac{above}{below}."""
+        r"""Return the fraction of numerator `above` and denominator `below`: \frac{above}{below}."""
         return FormulaPiece(f"\\frac{{{above.text}}}{{{below.text}}}", POWER)
 
     def raised(self, base: str, exponent: str) -> FormulaPiece:
-        """Return a power: base^{exponent}. Dots and indices of the base are kept."""
+        """Return `base`, which may have dots and indices, raised to `exponent`: base^{exponent}."""
         return FormulaPiece(f"{base}^{_argument(exponent)}", POWER)
 
     def root(self, inside: FormulaPiece) -> FormulaPiece:
-        r"""Return a square root: \sqrt{inside}."""
+        r"""Return the square root of `inside`: \sqrt{inside}."""
         return FormulaPiece(f"\\sqrt{{{inside.text}}}")
 
     def function_name(self, name: str) -> str:
-        """Return the LaTeX command of a function, or its name in upright letters; primes follow the name."""
+        """Return the LaTeX command of the function `name`, or the name in upright letters if it has no command.
+
+        Primes of a derivative, as in f'', follow the name.
+        """
         if name in CIRCULAR:
             return f"\\{name}" if name in COMMANDS else upright(name)
         return self.function_names.get(name) or self.letter(name.rstrip("'")) + "'" * name.count("'")
@@ -106,7 +109,8 @@ APPLY = "<mo>\N{FUNCTION APPLICATION}</mo>"
 SPACE = '<mspace width="0.17em"/>'  # Thin space around the name of a function; browsers add none
 TALL = ("<mfrac", "<mtable", "<msqrt")  # Elements that are taller than a line of text
 CALLS = tuple(f"<mrow>{power}<mi>{name}</mi>" for name in sorted(CIRCULAR) for power in ("", "<msup>"))
-"""Beginnings of the MathML of a function such as sin θ or sin² θ, for a space before the function."""
+"""Beginnings of the MathML of a function such as sin θ or sin² θ. A factor with such a beginning has a space before
+it."""
 RELATIONS = ("<", "<=", ">", ">=", "=", "!=")
 
 
@@ -153,7 +157,7 @@ class MathmlNotation(BookNotation):
         return self.below(spelled, [*elements, *map(self.letter, indices)])
 
     def below(self, head: str, parts: Sequence[str]) -> str:
-        """Return the element `head` with the elements `parts` as indices below the line."""
+        """Return the element `head` with the elements `parts` as indices below the line; without parts only `head`."""
         return f"<msub>{head}{parts[0] if len(parts) == 1 else row(*parts)}</msub>" if parts else head
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
@@ -170,18 +174,18 @@ class MathmlNotation(BookNotation):
         return self.below(f"<mi>{shown}</mi>", list(map(self.letter, indices)))
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
-        """Return a number, with a power of ten if `exponent` is given: 6.674·10⁻¹¹."""
+        """Return a number in MathML, `digits` times a power of ten if `exponent` is given: 6.674·10⁻¹¹."""
         if exponent is None:
             return FormulaPiece(f"<mn>{digits}</mn>", simple=True)
         power = f"<msup><mn>10</mn><mn>{exponent}</mn></msup>"
         return FormulaPiece(row(f"<mn>{digits}</mn>", operator("·"), power), POWER)
 
     def constant(self, name: str) -> str:
-        """Return the sign of a constant: π, e or ∞."""
+        """Return the constant `name` ("pi", "e" or "infinity") in MathML: π, e or ∞."""
         return self.constants.get(name, f"<mi>{name}</mi>")
 
     def brackets(self, inside: str) -> str:
-        """Return MathML in parentheses, which stretch only around a tall text such as a fraction.
+        """Return the MathML `inside` in parentheses, which stretch only around a tall text such as a fraction.
 
         Parentheses that stretch have wide gaps beside them.
         """
@@ -215,7 +219,7 @@ class MathmlNotation(BookNotation):
         return row(head, APPLY, self.brackets(inside))
 
     def beside(self, head: str, inside: str) -> str:
-        """Return MathML of the function `head`, followed by the single symbol `inside` without parentheses."""
+        """Return MathML of the function `head`, followed by the single symbol `inside` without parentheses: sin θ."""
         return row(head, APPLY, SPACE, inside)
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
@@ -225,7 +229,7 @@ class MathmlNotation(BookNotation):
 
 
 def _one(piece: FormulaPiece) -> str:
-    """Return a piece of a formula as a single element of MathML."""
+    """Return a piece of a formula as one MathML element, which a fraction requires; a sum is several elements."""
     return row(piece.text) if piece.level == SUM else piece.text
 
 

@@ -104,7 +104,7 @@ class SideWriter:
         return self.setter.write(side)
 
     def factor(self, factor: Any) -> str:
-        """Return the text of a factor of a `Product`."""
+        """Return the text of a factor, an expression or a quantity, of a `Product`; a sum is in parentheses."""
         if isinstance(factor, sympy.Basic):
             return self.notation.grouped(self.setter.piece(self.setter.plainly(factor)), PRODUCT)
         return self.side(factor)
@@ -120,8 +120,8 @@ class SideWriter:
 class LineWriter:
     """Writes formulas of a statement in a notation, and breaks wide formulas into lines.
 
-    `printed` writes the text whose width is measured: for LaTeX and MathML this text has the width of the printed
-    formula.
+    `printed` writes the text whose width is measured. For LaTeX and MathML this is another text, which is as wide as
+    the printed formula.
     """
 
     def __init__(self, statement: Statement, notation: Callable[[Sequence[str]], Notation]) -> None:
@@ -131,7 +131,7 @@ class LineWriter:
         self.printed = self.sides if self.notation.in_one_line else SideWriter(statement, PrintedWidth)
 
     def formula(self, row: Formula) -> list[FormulaLine]:
-        """Return the lines of a formula.
+        """Return the lines of the formula `row`.
 
         A formula a = b = c has two right sides. The second one begins on a new line, or is left out if it has the same
         text as the first one.
@@ -155,7 +155,7 @@ class LineWriter:
         return _lines(left, self.broken(last, WIDEST - width(measured) - 3))
 
     def beside(self, rows: Sequence[Formula]) -> Iterator[list[Formula]]:
-        """Yield groups of formulas; the formulas of a group fit side by side into one line."""
+        """Yield the formulas `rows` in groups; the formulas of a group fit side by side into one line."""
         group: list[Formula] = []
         room = 0
         for row in rows:
@@ -170,7 +170,10 @@ class LineWriter:
             yield group
 
     def apart(self, left: str, last: Any) -> bool:
-        """Return True if the right side `last` goes below the text `left`, since both do not fit into one line."""
+        """Return True if the right side `last` of an equation goes on its own line, below the left side.
+
+        `left` is the printed left side. Both do not fit into one line then.
+        """
         right = width(self.printed.side(last)) if isinstance(last, sympy.Expr) else 0
         return width(left) > WIDEST or (width(left) > WIDEST // 2 and width(left) + 3 + right > WIDEST)
 
@@ -186,7 +189,7 @@ class LineWriter:
         return self.product_lines(plain, room)
 
     def sum_lines(self, total: Any, room: int) -> Iterator[str]:
-        """Yield the lines of a sum; the first line has at most `room` columns.
+        """Yield the lines of the sum `total`; the first line has at most `room` columns.
 
         A term that is wider than a line starts on a new line and is broken.
         """

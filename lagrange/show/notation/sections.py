@@ -29,9 +29,9 @@ WIDEST_VECTOR = 30  # Largest number of operations of all entries of a vector on
 
 @dataclass(frozen=True)
 class ShownQuantity:
-    """A quantity in a formula: its letter, such as T or phi, and its indices, or its square if `squared`.
+    """A quantity in a formula: its letter, such as T or p, with its indices; the square of the letter if `squared`.
 
-    The indices are names of coordinates, of a constraint or of a point.
+    The indices are names of coordinates, of a constraint or of a point, as in p_theta.
     """
 
     letter: str
@@ -41,7 +41,7 @@ class ShownQuantity:
 
 @dataclass(frozen=True)
 class Partial:
-    """The partial derivative of a quantity by a coordinate or a velocity, `by`."""
+    """A partial derivative in a formula, such as dL/dtheta: of `quantity` by the coordinate or velocity `by`."""
 
     quantity: ShownQuantity
     by: Any
@@ -49,21 +49,21 @@ class Partial:
 
 @dataclass(frozen=True)
 class Rate:
-    """Time derivative d/dt of a partial derivative, or of a momentum."""
+    """A time derivative d/dt in a formula: of a partial derivative or of a momentum, `inside`."""
 
     inside: Partial | ShownQuantity
 
 
 @dataclass(frozen=True)
 class Product:
-    """A product of factors: expressions and quantities."""
+    """A product in a formula. Its `factors` are expressions and quantities."""
 
     factors: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
 class Transpose:
-    """The transpose of a matrix or of a row."""
+    """The transpose, in a formula, of a matrix or of a row."""
 
     matrix: Any
 
@@ -77,7 +77,7 @@ class SignedTerms:
 
 @dataclass(frozen=True)
 class ExpressionRows:
-    """Expressions in rows, printed as a matrix. With `vector` there is one row, which is printed as a vector."""
+    """A matrix in a formula: its rows of expressions. With `vector` it has one row, printed as a vector (x, y)."""
 
     rows: tuple[tuple[Any, ...], ...]
     vector: bool = False
@@ -164,9 +164,9 @@ def stated_formulas(statement: Statement) -> Iterator[Formula | str]:
 
 
 def _stated(derivation: Derivation) -> Iterator[Formula | str]:
-    """Yield the description, the source and the stated formulas of a system.
+    """Yield the description, the source and the stated formulas of the system of a derivation.
 
-    An energy has a second right side, the simplified expression, if that differs and is not too long.
+    An energy T = a also shows its simplified expression b, as T = a = b, if b differs from a and is not too long.
     """
     statement = derivation.statement
     if statement.about:
@@ -196,7 +196,7 @@ def _points(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _vector(entries: tuple[Any, ...]) -> ExpressionRows:
-    """Return a vector on one line, or as a column if it is too wide for one line."""
+    """Return the vector with these entries for a formula, as a row, or as a column if a row is wider than a line."""
     if sum(int(entry.count_ops()) for entry in entries) <= WIDEST_VECTOR:
         return ExpressionRows((entries,), vector=True)
     return ExpressionRows(tuple((entry,) for entry in entries))
@@ -282,7 +282,7 @@ def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _column(entries: Sequence[Any]) -> Any:
-    """Return a column vector of the entries, written as the transpose of a row; a single entry stays as it is."""
+    """Return a column vector for a formula, written as the transpose of a row of `entries`; a single entry as it is."""
     return entries[0] if len(entries) == 1 else Transpose(ExpressionRows((tuple(entries),), vector=True))
 
 

@@ -120,40 +120,44 @@ class Notation:
     """
 
     opening, closing = "(", ")"
-    """Parentheses around several lines."""
+    """Parentheses around a sum that takes several lines."""
 
     times = "* "
-    """Sign of a product whose second factor begins on a new line."""
+    """Text before the second factor of a product, if this factor begins on a new line."""
 
     in_one_line = True
-    """True if fractions are written with a slash, so that the width of the text is the width of the formula."""
+    """True if fractions are written with a slash. The text is then as wide as the printed formula; False for LaTeX and
+    MathML."""
 
     fractions_in_front = False
     """True if constants are a separate fraction in front, (g/l) sin(theta); False for a single fraction,
     g*sin(theta)/l."""
 
     level_inside_product = FRACTION
-    """Least precedence of a factor that has no parentheses if another factor follows."""
+    """Least precedence of a factor that is printed without parentheses if another factor follows it in the product."""
 
     product_sign, comma, equals = "*", ", ", " = "
     """Text between factors, between arguments or entries of a vector, and between the sides of an equation."""
 
     signs_between, sign_before, sign_of_line = (" + ", " - "), ("", "-"), ("+ ", "- ")
-    """Signs of added and of subtracted terms: between two terms, before the first one, and where a sum continues."""
+    """Signs of added and of subtracted terms, a pair each: between two terms, before the first term of a sum, and
+    before the first term on a line that continues a sum."""
 
     words, slashed, transpose, derivative, time_derivative = "{0}", "{0}/{1}", "{0}.T", "d{0}/d{1}", "d/dt({0})"
-    """Templates of words in a formula, of a fraction of two numbers, of a transpose, of a partial derivative, and of a
-    time derivative."""
+    """Templates for parts of a formula: words, a fraction of two numbers with a slash, a transpose, a partial
+    derivative, and a time derivative."""
 
     relation = "{0} {1} {2}"
     relations: ClassVar[Mapping[str, str]] = {}
-    """Template of a condition, and the spellings of comparison signs that differ from Python."""
+    """Spellings of the comparison signs in conditions, by the sign in Python, such as "≤" for "<=". Other signs are
+    printed as in Python. `relation` is the template of a condition: left side, sign, right side."""
 
     constants: ClassVar[Mapping[str, str]] = {"e": "exp(1)", "infinity": "oo"}
-    """Spellings of the constants pi, e and infinity that are not printed by their names."""
+    """Spellings of the constants "pi", "e" and "infinity"; a constant without an entry is printed by its name."""
 
     case, otherwise, case_separator, case_frame = "({0}, {1})", "({0}, True)", ", ", "Piecewise({0})"
-    """Templates of a piecewise expression: a value with its condition, the last value, and the frame."""
+    """Templates of a piecewise expression: a value with its condition, the value that holds otherwise, the text between
+    two values, and the frame around all of them."""
 
     def __init__(self, names: Sequence[str] = ()) -> None:
         """Store the names of all symbols. A name that would be printed like an earlier one is printed as stated."""
@@ -176,15 +180,15 @@ class Notation:
         return "_".join([word, *indices])
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
-        """Return a number without a sign, with a power of ten if `exponent` is given: 6.674e-11."""
+        """Return a number without a sign, `digits` times a power of ten if `exponent` is given: 6.674e-11."""
         return FormulaPiece(digits if exponent is None else f"{digits}e{exponent}", simple=True)
 
     def constant(self, name: str) -> str:
-        """Return the spelling of pi, e or infinity."""
+        """Return the spelling of the constant `name`: "pi", "e" or "infinity"."""
         return self.constants.get(name, name)
 
     def brackets(self, inside: str) -> str:
-        """Return a text in parentheses."""
+        """Return the text `inside` in parentheses."""
         return f"({inside})"
 
     def joined(self, texts: Sequence[str]) -> str:
@@ -192,11 +196,11 @@ class Notation:
         return self.product_sign.join(texts)
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
-        """Return a fraction on one line: a*b/(c*d)."""
+        """Return the fraction of numerator `above` and denominator `below` on one line, such as a*b/(c*d)."""
         return FormulaPiece(f"{self.grouped(above, PRODUCT)}/{self.grouped(below, POWER)}", PRODUCT)
 
     def raised(self, base: str, exponent: str) -> FormulaPiece:
-        """Return a power; the base already has the necessary parentheses."""
+        """Return `base` raised to `exponent`, such as x**2. The base already has the necessary parentheses."""
         return FormulaPiece(f"{base}**{exponent if exponent.isalnum() else self.brackets(exponent)}", POWER)
 
     def root(self, inside: FormulaPiece) -> FormulaPiece:
@@ -224,13 +228,13 @@ class Notation:
         return FormulaPiece(self.case_frame.format(self.case_separator.join(parts)))
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
-        """Return a matrix: each row in brackets on a line of its own, with aligned columns."""
+        """Return a matrix from the texts of its entries: each of its `rows` in brackets on a line, columns aligned."""
         widths = [max(map(width, column)) for column in zip(*rows, strict=True)]
         lines = [[text + " " * (wide - width(text)) for text, wide in zip(row, widths, strict=True)] for row in rows]
         return "\n".join(f"[{',  '.join(line)}]" for line in lines)
 
     def partial(self, above: str, below: str) -> str:
-        """Return the partial derivative of one letter by another: dL/dtheta."""
+        """Return the partial derivative of `above` by `below`, two letters, such as dL/dtheta."""
         return self.derivative.format(above, below)
 
     def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
@@ -248,7 +252,10 @@ class Notation:
         return piece.text if piece.level >= level else self.brackets(piece.text)
 
     def product(self, pieces: Sequence[FormulaPiece]) -> FormulaPiece:
-        """Return the product of pieces; sin θ becomes sin(θ) unless it is the last factor or a function follows."""
+        """Return the text of a product from its factors `pieces`, with parentheses where they are necessary.
+
+        In text with functions such as sin θ, sin θ becomes sin(θ) unless it is the last factor or a function follows.
+        """
         if len(pieces) == 1:
             return pieces[0]
         texts = []
@@ -273,7 +280,11 @@ class BookNotation(Notation):
     """Printed names of functions, if they differ from the names in expressions."""
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
-        """Return a function, raised to an exponent if given, such as sin² θ, cos(a - b), |x|, or e^(-t)."""
+        """Return the function `name` of its arguments, such as cos(a - b), |x| or e^(-t), raised to any `exponent`.
+
+        `exponent` is a text, and empty for the exponent 1. That of a circular or hyperbolic function follows its name:
+        sin² θ.
+        """
         inside = self.listed(arguments)
         if name == "abs":
             return self.power_of(self.magnitude.format(inside), exponent)
@@ -293,15 +304,15 @@ class BookNotation(Notation):
         return self.function_names.get(name, name)
 
     def applied(self, head: str, inside: str) -> str:
-        """Return the function `head` with its arguments in parentheses."""
+        """Return the function `head` with the text of its arguments, `inside`, in parentheses: f(x, y)."""
         return head + self.brackets(inside)
 
     def beside(self, head: str, inside: str) -> str:
-        """Return the function `head` followed by a single symbol without parentheses."""
+        """Return the function `head` followed by the single symbol `inside` without parentheses: sin θ."""
         return f"{head} {inside}"
 
     def power_of_e(self, exponent: str) -> FormulaPiece:
-        """Return e raised to an exponent."""
+        """Return e raised to `exponent`, for the exponential function of textbooks."""
         return self.raised(self.constant("e"), exponent)
 
 
@@ -334,13 +345,13 @@ class UnicodeNotation(BookNotation):
         return "_".join([SCRIPT.get(letter, word), *map(self.letter, indices)])
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
-        """Return a number, with a power of ten if `exponent` is given: 6.674·10⁻¹¹."""
+        """Return a number, `digits` times a power of ten if `exponent` is given: 6.674·10⁻¹¹."""
         if exponent is None:
             return FormulaPiece(digits, simple=True)
         return FormulaPiece(f"{digits}·10{str(exponent).translate(SUPERSCRIPT)}", POWER)
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
-        """Return a fraction: ½, g/l or (a + b)/(c d)."""
+        """Return the fraction of numerator `above` and denominator `below`, such as ½, g/l or (a + b)/(c d)."""
         if f"{above.text}/{below.text}" in VULGAR:
             return FormulaPiece(VULGAR[f"{above.text}/{below.text}"])
         opened = any(f"{name} " in above.text or f"{name}²" in above.text for name in CIRCULAR)
@@ -348,22 +359,22 @@ class UnicodeNotation(BookNotation):
         return FormulaPiece(f"{over}/{below.closed or self.grouped(below, POWER)}", FRACTION)
 
     def raised(self, base: str, exponent: str) -> FormulaPiece:
-        """Return a power: base², base^n or base^(3/2)."""
+        """Return `base` raised to `exponent`: x², x^n or x^(3/2). The base already has the necessary parentheses."""
         if exponent.lstrip("-").isdigit():
             return FormulaPiece(base + exponent.translate(SUPERSCRIPT), POWER)
         return FormulaPiece(f"{base}^{exponent if len(exponent) == 1 else self.brackets(exponent)}", POWER)
 
     def root(self, inside: FormulaPiece) -> FormulaPiece:
-        """Return a square root: √x or √(a + b)."""
+        """Return the square root of `inside`, such as √x or √(a + b)."""
         short = inside.simple and len(inside.text) < 3
         return FormulaPiece("√" + (inside.text if short else self.brackets(inside.text)))
 
     def beside(self, head: str, inside: str) -> str:
-        """Return the function `head` followed by a single symbol, such as sin 2θ."""
+        """Return the function `head` followed by the single symbol `inside` without parentheses: sin 2θ."""
         return f"{head} {inside.replace(' ', '')}"
 
     def power_of_e(self, exponent: str) -> FormulaPiece:
-        """Return e raised to an exponent, which is in parentheses."""
+        """Return e raised to `exponent`, which is in parentheses: e^(-t)."""
         return FormulaPiece(f"e^{self.brackets(exponent)}", POWER)
 
 
@@ -377,12 +388,12 @@ class PrintedWidth(UnicodeNotation):
     product_sign, time_derivative = "", "dt {0}"
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
-        """Return the text of a function with a blank before it."""
+        """Return the text of a function as in Unicode, with a blank before it that is as wide as the printed gap."""
         piece = super().function(name, arguments, exponent)
         return replace(piece, text=f" {piece.text}", closed=f" {piece.closed}" if piece.closed else "")
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
-        """Return the numerator or the denominator of a fraction, whichever is wider."""
+        """Return the numerator `above` or the denominator `below`: the wider one, which sets the printed width."""
         return FormulaPiece(max(above.text, below.text, key=width), POWER)
 
     def partial(self, above: str, below: str) -> str:
