@@ -42,7 +42,8 @@ Pixels = NDArray[np.uint8]
 """A frame as an array (height, width, 4) of bytes: red, green, blue, and opacity 255."""
 
 PICTURE_WIDTH, TALLEST = 640, 400
-"""Default width of a picture in pixels, and largest default height of its panel of moving points, in points."""
+"""Default width of a picture in pixels, and largest default height of its panel of moving points in typographic
+points."""
 
 LEAST_SIZE, MOST_SIZE = 160, 2160
 """Least and largest side that users may request, in pixels. Smaller pictures are not readable; in larger ones a frame
@@ -68,8 +69,8 @@ _LEFT, _RIGHT, _UNDER = 56.0, 16.0, 36.0
 """Margins in points: to the left and right of a panel, and below the panel of moving points for its axis numbers."""
 
 _TALL, _LEAST = 1.7, 60.0
-"""Ratio of height to width above which the panel of moving points is beside the other panels, and its least height in
-points."""
+"""Ratio of height to width of the panel of moving points above which the other panels are beside it and not below it,
+and least height of this panel in points."""
 
 
 def checked_options(size: Any, trail: Any) -> tuple[tuple[int, int] | None, float | None]:
@@ -92,7 +93,7 @@ class Rows:
     """R curves with S samples for one panel over time: `rows` (R, S), with their labels and colours.
 
     `title` is the title of the panel, with the unit. A curve is drawn as a level line if its changes are rounding noise
-    relative to `size`.
+    relative to `size` or to its largest value.
     """
 
     title: str
@@ -216,7 +217,7 @@ class _FilmFigure:
         return self.pixels.copy()
 
     def header(self, film: Film) -> None:
-        """Write the name of the system, and the speed if it differs from real time; create the text with the time."""
+        """Write the name of the system, and the speed of `film` if it differs from real time; create the clock text."""
         style, (width, height) = film.style, film.size
         across, top = width / film.plan.scale, height / film.plan.scale - 20
 
@@ -345,7 +346,7 @@ class MovingScene:
 
     @property
     def ratio(self) -> float:
-        """Ratio of height to width of the panel for which the motion fills the panel."""
+        """Ratio of height to width with which the panel of moving points has no empty border."""
         width, height = np.ptp(self.limits, axis=1)
         return float(height / width) if self.to_scale else 0.6
 
@@ -375,7 +376,7 @@ class MovingScene:
             legend(axis, style)
 
     def draw(self, k: int, pen: Pen) -> None:
-        """Draw the points, links, surfaces and trails at sample number `k`."""
+        """Draw with `pen` the points, links, surfaces and trails at sample number `k`."""
         now, style = self.seen[:, :, k], self.style
         if self.shadows is not None:
             below = self.shadows[:, :, k]
@@ -432,7 +433,7 @@ class Pen:
         return context
 
     def line(self, points: FloatArray, colour: str, width: float, opacity: float = 1.0, cap: str = "round") -> None:
-        """Draw a line through the positions `points` (2, K), with a width in typographic points.
+        """Draw a line through the positions `points` (2, K) in a colour, with a width in typographic points.
 
         `opacity` is 1 for an opaque line, and `cap` is the shape of its ends in Matplotlib.
         """
@@ -455,7 +456,7 @@ class Pen:
 
 
 class MovingChart:
-    """Curves over time in one panel of an animation; `named` if the time axis has labels.
+    """Curves over time in one panel of an animation. If `named`, the time axis has numbers and a name.
 
     In each frame a curve is opaque up to the time of the frame, pale after it, and has a dot at that time.
     """
@@ -493,7 +494,7 @@ class MovingChart:
         return slice(height - ceil(box.y1) - 2, height - int(box.y0) + 2), slice(left, right)
 
     def draw(self, k: int, pen: Pen) -> None:
-        """Draw a vertical line at the time of sample number `k`, and a dot on each curve at that time."""
+        """Draw with `pen` a vertical line at the time of sample number `k`, and a dot on each curve at that time."""
         t = float(self.t[k])
         pen.line(np.array([[t, t], self.axis.get_ylim()]), self.style.quiet, widths.MARK)
         for row, colour in zip(self.rows.rows, self.rows.colours, strict=True):

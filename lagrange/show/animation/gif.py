@@ -65,7 +65,7 @@ def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int],
 
 
 def _ends(changed: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the index of the first true value, and the index after the last true value; (0, 1) if none is true."""
+    """Return the index of the first true value in `changed`, and the index after its last one; (0, 1) without any."""
     indices = np.flatnonzero(changed)
     return (int(indices[0]), int(indices[-1]) + 1) if len(indices) else (0, 1)
 

@@ -28,7 +28,7 @@ _TINY = 1e-290  # Duration of a run below which its speed overflows a double
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """Times `t` (K,) of the frames in the run, and duration `interval` of each frame on the screen, in seconds.
+    """The times of the frames of an animation: `t` (K,) in the run, and the duration `interval` of a frame in seconds.
 
     The first frame is at the start of the run. `speed` is the time of the run per second on the screen. `notes` are
     sentences on settings that differ from the requested ones.
@@ -116,7 +116,8 @@ MOST_SAMPLES = 12_000
 MOST_DETAIL = 16  # Largest number of samples for each frame: a path turns by a few degrees between two of them
 
 _GAP = 2.5
-"""The least V is subtracted from V and E for drawing if this divides the range of the energies by more than this."""
+"""Ratio of two ranges of the curves of T, V and E, above which the least V is subtracted from V and E for drawing: the
+range without the subtraction, divided by the range with it."""
 
 JUMP = 1e-9  # Change of the state at an event, relative to the state, above which the event has reset the state
 
@@ -148,9 +149,10 @@ class Recording:
 
     @property
     def zero(self) -> float:
-        """Energy that is subtracted from V and E for drawing: 0, or the least V.
+        """Energy that is subtracted from V and E for drawing: the least V, or 0.
 
-        The least V is subtracted if the curves would otherwise look like straight lines.
+        It is 0 unless the subtraction makes the common range of the curves much smaller. Without it such curves would
+        look like straight lines.
         """
         if len(self.energies) < 2:
             return 0.0
@@ -165,7 +167,7 @@ class Recording:
 
 
 def recording_of(solution: Solution, timing: Timing) -> Recording:
-    """Return the recording of a run, from its states at the frames and between them.
+    """Return the recording of a run at the frames of `timing`, and at times between them.
 
     Raises StatementError where a named point has no position, and for a run from a file with too few states.
     """
@@ -236,7 +238,10 @@ def thinned(recording: Recording) -> Recording:
 
 
 def _deviation(row: FloatArray, factor: int) -> float:
-    """Return the largest distance of a row (S,) from straight lines through every `factor`-th of its samples."""
+    """Return the largest distance of a row (S,) from the straight lines through every `factor`-th of its samples.
+
+    It is the error of a curve that keeps only these samples.
+    """
     coarse = row[::factor]
     share = np.arange(factor) / factor
     lines = coarse[:-1, None] * (1 - share) + coarse[1:, None] * share
@@ -244,7 +249,10 @@ def _deviation(row: FloatArray, factor: int) -> float:
 
 
 def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str, FloatArray]:
-    """Return the energies at the samples, by name; empty if one of them has no value at some sample."""
+    """Return the energies T, V and E at the samples, times t (S,) and states (2n, S), by name.
+
+    The result is empty if one of them has no value at some sample. There is only E if no potential energy was stated.
+    """
     if not solution.has_energy:
         return {}
     model, statement, parameters = solution.model, solution.model.statement, solution.parameters_at(t)

@@ -42,14 +42,18 @@ values by their range."""
 OVERSHOOT = 0.15  # Distance by which lines continue beyond a panel, as a fraction of its height
 
 EDGE_MARGIN = 0.1
-"""Margin between the extreme values and the edge of a window, as a fraction of the range of the middle values."""
+"""Margin between the extreme values of a diverging run and the edge of its panel, as a fraction of the range of the
+values in the middle `SHOWN_SHARE` of the time."""
 
 _SAMPLES = 2001
 
 
 @dataclass(frozen=True)
 class AxisWindow:
-    """Limits `low` and `high` of a panel for a run whose values leave the panel; `largest` is the largest value."""
+    """Limits `low` and `high` of a panel for a diverging run, some of whose values are outside of the limits.
+
+    `largest` is the value with the largest magnitude in the run.
+    """
 
     low: float
     high: float
@@ -61,7 +65,7 @@ class AxisWindow:
         return f"shown: {SHOWN_SHARE:.0%} of the time; then up to {self.largest:.1e}"
 
     def clipped(self, rows: FloatArray) -> FloatArray:
-        """Return rows of values, with larger and smaller ones replaced by limits a little outside of the panel."""
+        """Return `rows` of values, in which values far outside of the panel are moved to just outside of it."""
         room = OVERSHOOT * (self.high - self.low)
         return np.clip(rows, self.low - room, self.high + room)
 
@@ -100,8 +104,8 @@ def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
 def times_in_sight(solution: Solution, values: Rows) -> tuple[FloatArray, str]:
     """Return the times (K,) at which a curve in a plane or in space is sampled first, and a note or "".
 
-    `values(t)` returns the d coordinates of one or several points, (d, K) or (d, p, K). The times end before the first
-    time at which a coordinate is outside of the limits of the panel; the note reports this.
+    `values(t)` returns the d coordinates of one or several points, (d, K) or (d, p, K). If a coordinate leaves the
+    limits of the panel, the times end before that, and the note reports it.
     """
     t = first_times(solution.trajectory)
     rows = values(t)
@@ -149,11 +153,12 @@ and runs of 10,000 periods reached it; then each column of pixels has the smalle
 _MOST_VALUES = 2**25  # Largest number of coordinates of all samples: 256 MB
 
 _EACH_STEP, _FEWEST, _MOST_FIRST = 12, 500, 120_000
-"""Samples per step before refinement, and the least and largest number of them for a curve. A step of order 30 can
-cover three periods."""
+"""Number of samples of a curve before refinement: so many for each step of the run, and the least and largest number of
+them. A step of order 30 can cover three periods of an oscillation."""
 
 MOST_ROUNDS = 60
-"""Largest number of times that intervals are halved. Fewer divide any interval down to the least length."""
+"""Largest number of times that intervals between samples are halved. The least length of an interval is reached after
+fewer, so the limit only guards against an endless loop."""
 
 _SHARE = 0.47
 """Point at which an interval is divided, as a fraction of its length. With 0.5 a curve that is point-symmetric about
@@ -162,7 +167,7 @@ the middle of its chord would seem to lie on the chord."""
 _LEAST = 1e-9  # Intervals shorter than this fraction of the span are not divided: the values jump there
 
 LEVEL_RANGE = 1e-9
-"""Values whose range is below this fraction of the largest value are drawn as a level line: they are rounding noise."""
+"""Largest range of values, relative to the largest magnitude, that is drawn as a level line: it is rounding noise."""
 
 _COLUMNS = 2  # Columns per pixel of width. In each column a line keeps its first, last, smallest and largest value
 
@@ -176,7 +181,7 @@ class Pixels:
 
 
 def first_times(run: Trajectory) -> FloatArray:
-    """Return the times (K,) at which a curve is sampled first: all outputs, and times between the outputs.
+    """Return the times (K,) at which the curves of a `run` are sampled first: all outputs, and times between them.
 
     Of very many outputs some are selected, at irregular distances. With equal distances an oscillation could look
     slower than it is.
@@ -316,9 +321,9 @@ def _distance(middle: FloatArray, begin: FloatArray, end: FloatArray, scale: Flo
 
 
 def thinned(t: FloatArray, row: FloatArray, pixels: Pixels) -> FloatArray:
-    """Return values (N,) at times (N,) as a line (2, K) that covers the same pixels as the line through all values.
+    """Return the values `row` (N,) at times `t` (N,) as a line (2, K) that covers the same pixels as all values.
 
-    It has the first, last, least and largest value in each column of pixels: U. Jugel et al., M4: a
+    The line has the first, last, least and largest value in each column of pixels. Source: U. Jugel et al., M4: a
     visualization-oriented time series data aggregation, VLDB Endowment 7 (2014) 797.
     """
     columns = int(_COLUMNS * pixels.width)

@@ -94,7 +94,7 @@ def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") 
 
 
 def _field(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
-    """Draw arrows of equal length, in the directions in which orbits go in the picture."""
+    """Draw the vector field of `portrait` as arrows of equal length, which show in which direction orbits go."""
     ranges = np.array([axis_range.width for axis_range in portrait.plane])
     u, v = portrait.u / ranges[0], portrait.v / ranges[1]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -122,7 +122,7 @@ def _field(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
 
 
 def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]:
-    """Return an orbit as a line on the plane of the portrait, x and y (k,), exact within a pixel.
+    """Return an orbit as a line on the plane of the portrait, exact within a pixel: its coordinates x and y, (k,) each.
 
     The line is cut where an angle wraps; NaN separates its pieces.
     """
@@ -143,7 +143,7 @@ def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]
 
 
 def _points(run: Trajectory, rows: list[int], t: FloatArray) -> FloatArray:
-    """Return the entries `rows` of the state of a run at times (K,), as one point of the plane, (1, 2, K)."""
+    """Return the entries `rows` of the state of a run at times t (K,), as one point of the plane, (1, 2, K)."""
     return np.asarray(run.dense(t)[rows][None])
 
 
@@ -238,7 +238,7 @@ def _where(section: SectionData) -> str:
 
 
 def plot_sweep(sweep: SweepData, entry: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a bifurcation diagram: sampled states against the parameter.
+    """Return the figure of the bifurcation diagram `sweep`: sampled states against the parameter.
 
     `entry` is the entry of the state to draw, None for the default. `ax` are axes of the user, None for a new figure.
     `style` is "light" or "dark". Raises StatementError for a diagram without states.
@@ -319,10 +319,10 @@ LARGEST_DISPLACEMENT = 0.22  # Largest displacement in the figure, as a part of 
 
 
 def plot_modes(shapes: ModeShapes, ax: Any, style: Any) -> Figure:
-    """Return the figure of modes: in each row the components of a mode as bars, and its shape if positions are stated.
+    """Return the figure of modes: a row for each, with its components as bars, and its shape if positions are stated.
 
-    On axes `ax` of the user the components of all modes are bars side by side. `style` is "light" or "dark". Raises
-    StatementError for a system without modes.
+    `shapes` are the modes in numbers. On axes `ax` of the user the components of all modes are bars side by side.
+    `style` is "light" or "dark". Raises StatementError for a system without modes.
     """
     look = style_of(style)
     if not len(shapes.components):
@@ -368,7 +368,10 @@ def _bars(axis: Axes, shapes: ModeShapes, k: int, look: FigureStyle) -> None:
 
 
 def _frame_bars(axis: Axes, shapes: ModeShapes, title: str, look: FigureStyle) -> None:
-    """Draw the title of a panel of bars, its line at zero, and the names of the coordinates below the bars."""
+    """Draw the `title` of a panel of bars, a line at zero, and the names of the coordinates below the bars.
+
+    `shapes` has the names of the coordinates.
+    """
     axis.axhline(0.0, color=look.quiet, linewidth=widths.FLOOR)
     dress(axis, look, title)
     axis.grid(visible=False, axis="x")
@@ -411,7 +414,7 @@ def _shape(
     k: int,
     look: FigureStyle,
 ) -> None:
-    """Draw mode number `k`: the positions at rest in a pale colour, and the displaced positions with arrows.
+    """Draw mode number `k` of `shapes`: positions at rest in a pale colour, displaced positions with arrows.
 
     `seen` is the result of `_seen`: positions at rest, displacements, and extent.
     """

@@ -94,7 +94,7 @@ def quantity(runs: Ensemble, name: str) -> MemberQuantity:
 
 
 def label_of(runs: Ensemble, name: str) -> str:
-    """Return the label of an axis for a varied or kept quantity: its symbol with its unit."""
+    """Return the label of an axis for the varied or kept quantity `name`: its symbol with its unit."""
     statement = runs.model.statement
     if name in runs.names:
         varied = " at the start" if name in runs.table.labels else ""
@@ -135,7 +135,8 @@ MOST_CROSSES = 200
 """Largest number of failed members that are marked with a cross each on a map; more are shown by their colour only."""
 
 EVEN_SPACING = 1e-9
-"""Tolerance of equal spacing: the largest difference of spacings relative to the range of the values."""
+"""Largest difference between the spacings of values that count as equally spaced, relative to the range of the
+values."""
 
 
 def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:

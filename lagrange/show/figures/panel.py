@@ -84,7 +84,7 @@ class PanelQuantity:
 
 
 def entries(solution: Solution, chosen: Sequence[str], *, merged: bool, rate: bool) -> list[PanelQuantity]:
-    """Return the quantities for panels of the coordinates `chosen`, or of their velocities with `rate`.
+    """Return the quantities for panels of the coordinates `chosen`, or of their velocities if `rate` is True.
 
     A panel has one coordinate. With more than `PANELS` coordinates several share a panel, and with `merged` all do.
     """
@@ -145,7 +145,10 @@ def energy(solution: Solution) -> PanelQuantity:
 
 
 def momenta(solution: Solution) -> PanelQuantity | None:
-    """Return the changes of conserved momenta, of ignorable coordinates, from their first values; None without any."""
+    """Return the drift of each conserved momentum of an ignorable coordinate, for one panel; None if there is none.
+
+    A drift is the change from the first value, relative to the largest term of the momentum.
+    """
     names = list(solution.momentum_drift)[:MOST_LINES]
     if not names:
         return None
@@ -235,7 +238,7 @@ def panel_on(ax: Any, style: FigureStyle, size: tuple[float, float]) -> tuple[Fi
 
 
 def figure_of(ax: Any) -> Figure:
-    """Return the whole figure of a user's axes.
+    """Return the whole figure of `ax`, the user's axes.
 
     Raises StatementError for anything that is not Matplotlib's axes, and for axes without a figure.
     """
@@ -286,7 +289,8 @@ _ROUND_OFF = 1e-15  # Relative drift below which the values are rounding noise, 
 _MORE = 2.0  # Factor by which a drift between the steps must exceed the drift at the steps to be an interpolation error
 
 _DRIFT_ROUNDS = 3
-"""Largest number of times that intervals are halved for a drift. Its rounding noise never becomes smooth."""
+"""Largest number of times that intervals between samples are halved for the drift of a conserved quantity. More would
+not help, because a drift is rounding noise, which never becomes smooth."""
 
 _FEW = 3  # Fewer points than this are drawn as dots, because they form no line
 
@@ -392,9 +396,9 @@ class TimePanel:
 def curves(quantity: PanelQuantity, solution: Solution, pixels: Pixels) -> Curves:
     """Return a quantity of a run as lines, exact within a pixel, for a panel of the size `pixels`.
 
-    The drift of a conserved quantity is computed from the dense output. If it changes much more between the ends of
-    steps than at them, this is an error of the dense output and not of the method. Then dots are drawn at the ends of
-    steps, and a note gives the largest drift between them.
+    The drift of a conserved quantity is computed from the dense output. If the drift is much larger between the ends of
+    steps than at these ends, the difference is an error of the dense output and not of the method. Then dots are drawn
+    at the ends of steps, and a note gives the largest drift between them.
     """
     run = solution.trajectory
     window = None if quantity.drift else window_of(solution, lambda t: quantity.values(solution.sampled(t)))
@@ -423,7 +427,7 @@ def curves(quantity: PanelQuantity, solution: Solution, pixels: Pixels) -> Curve
 
 
 def _values(run: Curves) -> FloatArray:
-    """Return all values of the lines of a run, (N,)."""
+    """Return all values of the lines of a run, as one array (N,)."""
     return np.concatenate([np.empty(0), *(line[1] for line in run.lines)])
 
 

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 AZIMUTH, ELEVATION = -60.0, 25.0  # Default direction of view for paths in space, in degrees
 
 _STILL = 1e-9
-"""Points count as flat in a direction if their extent in it is below this fraction of their largest extent."""
+"""Largest extent of points in a direction in which they count as flat, as a fraction of their largest extent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,9 +187,10 @@ class Box:
 
 
 def draw_floor(axis: Axes, view: View, box: Box, unit: str, style: FigureStyle) -> None:
-    """Draw the floor at the lowest z of a box, with numbers at its front edges, and the z axis at its left corner.
+    """Draw the floor at the lowest z of `box`, with numbers at its front edges, and the z axis at its left corner.
 
-    The view is from above, with an azimuth between -90 and 0 degrees.
+    `view` is an oblique view from above, with an azimuth between -90 and 0 degrees. `unit` is the unit of length for
+    the names of the axes, "" for none.
     """
     (x0, y0, z0), (x1, y1, z1) = box.low, box.high
     for k, (begin, end) in enumerate((((0, y0), (0, y1)), ((x0, 0), (x1, 0)))):
@@ -217,9 +218,10 @@ def _line(axis: Axes, view: View, points: FloatArray, colour: str, width: float)
 def _numbers(
     axis: Axes, view: View, box: Box, k: int, foot: tuple[float | None, ...], unit: str, style: FigureStyle
 ) -> None:
-    """Write the numbers and the name of axis number `k` of space beside an edge of the floor, outside of it.
+    """Write the numbers and the name of axis number `k` of space beside an edge of the floor of `box`, outside of it.
 
-    `foot` is a point on that edge; its coordinate along the axis is None.
+    `foot` is a point on that edge; its coordinate along the axis is None. `unit` is the unit of length behind the name,
+    "" for none.
     """
     ticks = box.ticks(k)
     outwards = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0)][k]) if k < 2 else np.zeros(3)
@@ -254,8 +256,8 @@ def is_slender(extents: FloatArray) -> bool:
 
 
 _LONGEST = 80.0
-"""Longest path that is drawn, as a multiple of the extent of all paths. A path three times as long would cover half of
-the panel. Of a longer path the last part is drawn."""
+"""Length of the longest path that is drawn, as a multiple of the extent of all paths. A path three times as long would
+cover half of the panel. Of a longer path the last part is drawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +284,7 @@ class Paths:
     links: tuple[Link, ...]
     surfaces: tuple[tuple[str, ...], ...]
     note: str
-    """Note on points that leave the panel."""
+    """Sentence on points that leave the panel, for its title; empty if none do."""
 
     def of(self, name: str) -> FloatArray:
         """Return the path of the point `name`, (2, K)."""
@@ -301,7 +303,10 @@ class Paths:
 
     @property
     def to_scale(self) -> bool:
-        """True if both directions have the same scale; False for paths without links that would be a narrow strip."""
+        """True if a unit of length is equally long to the right and up in a picture of these paths.
+
+        It is False for paths without links and surfaces that would then be a narrow strip.
+        """
         return bool(self.links or self.surfaces) or not is_slender(self.extents)
 
 
@@ -312,12 +317,12 @@ def limits(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def named_points(solution: Solution, t: FloatArray) -> dict[str, FloatArray]:
-    """Return the positions of the named points at times (K,), (2, K) or (3, K) each; empty if none are stated."""
+    """Return the positions, (2, K) or (3, K), of the named points at times t (K,), by name; empty if there are none."""
     return points_at(solution.model, t, solution.at(t), solution.parameters_at(t))
 
 
 def common_view(solutions: tuple[Solution, ...]) -> View | None:
-    """Return one view for the paths of several runs; None if no point is stated."""
+    """Return one view for the paths of several runs, `solutions`; None if no point is stated."""
     runs = [named_points(run, _times(run)[0]) for run in solutions]
     points_by_name = {f"{name} {k}": points for k, run in enumerate(runs) for name, points in run.items()}
     return view_of(points_by_name) if points_by_name else None
@@ -362,7 +367,7 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
 
 
 def _times(solution: Solution) -> tuple[FloatArray, str]:
-    """Return the initial times (K,) of the paths of a run, and a note if points leave the panel."""
+    """Return the times (K,) at which the paths of a run are sampled first, and a note if points leave the panel."""
     if not named_points(solution, solution.t[:1]):
         return solution.t[:1], ""
     return times_in_sight(solution, lambda t: np.stack([*named_points(solution, t).values()], axis=1))
@@ -424,7 +429,10 @@ class PathPanel:
             legend(axis, style, title, 10)
 
     def _to_scale(self, runs: list[Paths]) -> bool:
-        """Return True if both directions of a plane picture have the same scale, for the paths `runs`."""
+        """Return True if a unit of length is equally long to the right and up in the picture of the paths `runs`.
+
+        It is False if all points lie on a horizontal or vertical line, or if `Paths.to_scale` is False for a run.
+        """
         return self.shape == "square" and all(run.to_scale for run in runs)
 
     def _bounds(self, runs: list[Paths]) -> FloatArray:
@@ -521,9 +529,10 @@ def _draw_run(
 
 
 def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style: FigureStyle, kind: str) -> None:
-    """Draw the path of point number `k` with its shadow on the floor of `box`; near parts are wider and darker.
+    """Draw the path of point number `k` of `paths`, with its shadow on the floor of `box`.
 
-    `shade` is the colour of the path, and `kind` its line style.
+    Parts of the path near the viewer are wider and darker. `shade` is the colour of the path, and `kind` its line
+    style.
     """
     view, space = paths.view, paths.space[k]
     floor = np.array([*space[:2], np.full(space.shape[1], box.low[2])])
@@ -540,9 +549,10 @@ def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style
 
 
 def by_depth(points: FloatArray, nearness: FloatArray) -> Iterator[FloatArray]:
-    """Yield for each of `_DEPTHS` ranges of nearness the parts of a path (2, K) in it, the farthest range first.
+    """Divide a path `points` (2, K) by distance from the viewer: yield its parts in each of `_DEPTHS` ranges.
 
-    `nearness` (K,) is between 0, far from the viewer, and 1. A yielded line is (2, C), with NaN between its parts.
+    The farthest range comes first. `nearness` (K,) is between 0, far from the viewer, and 1. A yielded line is (2, C),
+    with NaN between its parts.
     """
     middle = (nearness[1:] + nearness[:-1]) / 2
     depths = np.clip(np.nan_to_num(_DEPTHS * middle), 0, _DEPTHS - 1).astype(int)

@@ -121,7 +121,7 @@ class Contents:
         return [TimePanel(tuple(kept), self.solutions, self.labels, wide)] if len(kept) == len(quantities) else []
 
     def _rows(self, names: Sequence[str], *, rate: bool = False) -> list[Panel]:
-        """Return the panels of coordinates by name, or of their velocities with `rate`."""
+        """Return the panels of the coordinates with these `names`, or of their velocities if `rate` is True."""
         return self._each(lambda run: quantities.entries(run, names, merged=self.merged, rate=rate)) if names else []
 
     def _each(self, of: Callable[[Solution], list[PanelQuantity]]) -> list[Panel]:
@@ -146,8 +146,9 @@ _LEFT, _RIGHT, _NARROW = 6.0, 4.6, 1.9
 """Widths in inches of panels over time, of a phase plane, and of paths along a vertical line."""
 
 _LEAST, _LEAST_PLANE, _BESIDE, _NARROWEST = 0.45, 1.5, 0.8, 0.4
-"""Least heights in inches of a panel over time and of a phase plane, height of title and axis labels, and least width
-as a fraction of the default width. Smaller panels would collapse."""
+"""Least sizes of panels, since smaller ones would collapse. The first three are heights in inches: of a panel over
+time, of a phase plane, and of title and axis labels together. The last one is a width, as a fraction of the default
+width."""
 
 MOST_QUANTITIES = 100  # Largest number of entries of what=. A panel takes 30 ms, and 100 panels are 100 inches high
 
@@ -155,9 +156,10 @@ _ONE_COLUMN = 4  # More coordinates than this are in two columns
 
 
 def labels_of(solutions: Sequence[Solution], requested: Sequence[str] | None) -> list[str]:
-    """Return a name for each run: the texts `requested`, or if that is None a property in which the runs differ.
+    """Return a name for each of the runs `solutions`: the texts `requested`, or a property in which they differ.
 
-    The property is the method, a parameter or an initial value. A single run has the name "".
+    The property is the method, a parameter or an initial value. It is used if `requested` is None. A single run then
+    has the name "".
     """
     if requested is not None:
         labels = [requested] if isinstance(requested, str) else entries(requested, "labels")
@@ -198,7 +200,8 @@ def _check_alike(solutions: Sequence[Solution]) -> None:
 def _draw_into(ax: Any, panels: Sequence[Panel], style: FigureStyle, dpi: int) -> Figure:
     """Draw each panel into one of the user's axes `ax`, and return the figure of the axes.
 
-    Raises StatementError unless there are as many axes as panels.
+    `dpi` is the resolution of the curves in dots per inch. Raises StatementError unless there are as many axes as
+    panels.
     """
     several, axes = isinstance(ax, (list, tuple, np.ndarray)), [ax]
     if several:
@@ -219,7 +222,8 @@ def _draw_into(ax: Any, panels: Sequence[Panel], style: FigureStyle, dpi: int) -
 def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: FigureStyle, dpi: int) -> Figure:
     """Return a new figure: panels over time and wide paths on the left, phase planes and other paths on the right.
 
-    `size` is the width and height in inches, None for a size that fits the panels.
+    `size` is the width and height in inches, None for a size that fits the panels. `dpi` is the resolution of the
+    curves in dots per inch.
     """
     left = [panel for panel in panels if isinstance(panel, TimePanel)]
     rows = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape == "row"]
@@ -279,7 +283,10 @@ class _Left:
         return max(2.6, 0.9 + (1.15 if self.down <= _ONE_COLUMN else 0.85) * sum(self.ratios))
 
     def draw(self, figure: Figure | SubFigure, size: tuple[float, float], style: FigureStyle, dpi: int) -> None:
-        """Draw all panels into a part of a figure; `size` is its width and height in inches."""
+        """Draw all panels into a part of a figure.
+
+        `size` is the width and height of this part in inches, and `dpi` the resolution of the curves in dots per inch.
+        """
         grid = figure.add_gridspec(len(self.ratios), self.columns, height_ratios=self.ratios)
         pixels = Pixels(size[0] * dpi, size[1] * max(self.ratios) / sum(self.ratios) * dpi)
         cells = [grid[k % self.down, k // self.down] for k in range(len(self.narrow))]

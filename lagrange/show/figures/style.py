@@ -60,11 +60,12 @@ _UNSEEN = str.maketrans("", "", "${}_^\\")
 
 
 MARKERS = "osD^vP*Xh<p"
-"""Markers of lines. Their number, 11, has no common factor with eight colours: 88 pairs differ."""
+"""Markers of lines, as letters of Matplotlib. The k-th line has the k-th colour and marker, in turn. There are 11
+markers and eight colours, numbers without a common factor, so that 88 pairs differ."""
 
 
 class LineStyle(NamedTuple):
-    """Look of one of many lines: its colour, its marker and its line style."""
+    """Look of one of many lines: its colour, its marker, and its dashes as a line style of Matplotlib."""
 
     colour: str
     marker: str
@@ -96,7 +97,7 @@ def style_of(name: Any) -> FigureStyle:
 
 
 def line_styles(count: int, style: FigureStyle) -> list[LineStyle]:
-    """Return `count` line styles. Up to 88 of them all differ in colour, marker or line."""
+    """Return `count` line styles. Up to 88 of them all differ in colour, marker or dashes."""
     few = style.colours
     return [
         LineStyle(few[k % len(few)], MARKERS[k % len(MARKERS)], LINES[k // len(few) % len(LINES)]) for k in range(count)
@@ -110,7 +111,7 @@ def on_paper(figure: Figure, style: FigureStyle) -> Figure:
 
 
 def dress(axis: Axes, style: FigureStyle, title: str = "") -> None:
-    """Draw the frame of a panel in pale colours, and its title at the upper left."""
+    """Draw the frame of the panel `axis` in pale colours, and its title at the upper left."""
     axis.set_facecolor(style.paper)
     axis.spines[["top", "right"]].set_visible(False)
     axis.spines[["left", "bottom"]].set_color(style.quiet)
@@ -182,7 +183,7 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number_labels(values: Sequence[float]) -> list[str]:
-    """Return tick labels of numbers, with just enough digits to distinguish them: −0.5, 0 or −2·10⁻⁹, 0, 2·10⁻⁹."""
+    """Return tick labels of `values`, with just enough digits to distinguish them: −0.5, 0 or −2·10⁻⁹, 0, 2·10⁻⁹."""
     finite = sorted({float(value) for value in values if isfinite(value)})
     size = max(map(abs, finite), default=0.0)
     if size == 0.0:
@@ -278,7 +279,7 @@ def few_ticks(axis: Axes) -> None:
 
 
 def angle_ticks(axis: Any, low: float, high: float) -> None:
-    """Put ticks of an angle at multiples of pi/2, or of pi if the axis is long."""
+    """Put ticks at multiples of pi/2 on an axis of an angle from `low` to `high`, or of pi if the axis is long."""
     unit = math.pi / 2 if high - low <= 1.01 * math.tau else math.pi
     multiples = np.arange(math.ceil(low / unit - 1e-9), math.floor(high / unit + 1e-9) + 1)
     axis.set_ticks(multiples * unit, [f"${_multiple(int(k), unit)}$" for k in multiples])
@@ -305,8 +306,9 @@ _LONGEST = 40.0  # Longest side of a figure, in inches: at 160 dots per inch som
 def figure(rows: int = 1, columns: int = 1, *, size: Any = None, style: str = "light") -> Figure:
     """Return a Matplotlib figure of empty panels, which a notebook shows: `left, right = lg.figure(columns=2).axes`.
 
-    Users draw on the panels with Matplotlib's methods, or pass them to plots as `ax`. `size` is (width, height) in
-    inches, `style` is "light" or "dark". Raises StatementError for another style, an invalid size, and too many panels.
+    The panels are in `rows` and `columns`. Users draw on them with Matplotlib's methods, or pass them to plots as `ax`.
+    `size` is (width, height) in inches, `style` is "light" or "dark". Raises StatementError for another style, an
+    invalid size, and too many panels.
     """
     look = style_of(style)
     rows, columns = (whole_number(count, what, 1, _MOST) for count, what in ((rows, "rows"), (columns, "columns")))
