@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TIGHT, USUAL = 1e-12, 1e-9
-"""Default relative tolerances: 1e-12 for portraits and sections, whose orbits must close visibly, and 1e-9 for
-bifurcations."""
+"""Default relative tolerances of adaptive methods: 1e-12 for portraits and sections, in which closed orbits have to
+close visibly, and 1e-9 for bifurcations."""
 
 ORBIT_STEPS = 20_000
 """Default limit of steps for an orbit of a portrait with an adaptive method: thousands of oscillations."""
@@ -97,7 +97,10 @@ class PhasePortrait(Drawn, PortraitData):
     """Orbits, equilibria and separatrices on a plane of the state; the result of `lagrange.phase_portrait`."""
 
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure of the phase portrait: field, nullclines, orbits, separatrices and equilibria."""
+        """Return the figure of the phase portrait: field, nullclines, orbits, separatrices and equilibria.
+
+        It is drawn on Matplotlib's axes `ax` if they are given. `style` is "light" or "dark".
+        """
         return plot_portrait(self, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -122,7 +125,8 @@ class PoincareSection(Drawn, SectionData):
     def plot(self, x: Any = None, y: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
         """Return the figure of the Poincare section: a point for each crossing, and a colour for each orbit.
 
-        `x` and `y` are the entries of the state on the axes.
+        `x` and `y` are the entries of the state on the axes, None for the default. The figure is drawn on Matplotlib's
+        axes `ax` if they are given. `style` is "light" or "dark".
         """
         return plot_section(self, x, y, ax, style)
 
@@ -139,7 +143,8 @@ class Bifurcation(Drawn, SweepData):
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
         """Return the figure of the bifurcation diagram: the sampled states against the parameter.
 
-        `entry` is the entry of the state to draw.
+        `entry` is the entry of the state to draw, None for the default. The figure is drawn on Matplotlib's axes `ax`
+        if they are given. `style` is "light" or "dark".
         """
         return plot_sweep(self, entry, ax, style)
 
@@ -161,7 +166,8 @@ class EquilibriumBranches(Drawn, BranchesData):
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
         """Return the figure of equilibria along the parameter: a line for each branch, dashed where unstable.
 
-        `entry` is the coordinate to draw.
+        `entry` is the coordinate to draw, None for the default. The figure is drawn on Matplotlib's axes `ax` if they
+        are given. `style` is "light" or "dark".
         """
         return plot_branches(self, entry, ax, style)
 
@@ -211,7 +217,7 @@ _Record = TypeVar("_Record")
 
 
 def shown_as(kind: type[_Record], data: Any) -> _Record:
-    """Return `data` as an instance of `kind`, a subclass of the class of `data` that adds a picture."""
+    """Return `data` as an instance of `kind`, a subclass of its class that adds a card and a picture."""
     return kind(**{field.name: getattr(data, field.name) for field in fields(data)})
 
 
@@ -364,10 +370,11 @@ def _runs(
     progress: bool | str,
     max_steps: int | None = None,
 ) -> tuple[Model, Runs]:
-    """Return the compiled model of a system, and the object that runs it with these options.
+    """Return the compiled model of a system, and the object that runs it with the given options.
 
     `step_options` is (method, rtol, step), each None for its default. `default_rtol` is the default of rtol for
-    adaptive methods, and `max_steps` the limit of steps of a run, None for the default.
+    adaptive methods, and `max_steps` the limit of steps of a run, None for the default. `parameters` overlay the stated
+    values. With `progress` the compilation is reported.
     """
     method, rtol, step = step_options
     if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):

@@ -135,9 +135,10 @@ class Ensemble:
         return self.model.layout.names()
 
     def __getitem__(self, key: Any) -> FloatArray:
-        """Return the row of a coordinate or a velocity, the values of a varied quantity, or a kept quantity, by name.
+        """Return the values with the name or symbol `key`: a row of `y`, a varied quantity, or a kept quantity.
 
-        A name such as theta_end is the final state, even with t_eval; ("max", theta) is the quantity kept by that pair.
+        A name such as theta_end is the final state, even with t_eval. The key ("max", theta) is the quantity kept by
+        that pair.
         """
         label = self.label(key)
         if label in self.names:
@@ -214,7 +215,7 @@ class Ensemble:
         return tuple(self._kept(event_states(k), EVENTS) for k in range(len(self.problem.events)))
 
     def plot(self, what: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return a figure of a coordinate, a velocity or a kept quantity, by name; the default is the first of them.
+        """Return a figure of `what`, the name of a coordinate, velocity or kept quantity; by default the first one.
 
         If two axes of a grid vary, it is a map with the first axis horizontal. If one varies, it is a curve; samples
         and arrays give a histogram. With t_eval the figure shows the median and the quantiles of a row over time. Final
@@ -226,7 +227,10 @@ class Ensemble:
     def to_png(
         self, path: str | os.PathLike[str], what: Any = None, *, dpi: int = FILE_DPI, style: str = "light"
     ) -> Path:
-        """Write the picture of `plot(what)`. Raises StatementError for a path that cannot be written."""
+        """Write the figure that `plot(what)` returns as a PNG file with `dpi` dots per inch, and return the path.
+
+        `style` is "light" or "dark". Raises StatementError for a path that cannot be written.
+        """
         return write_atomically(path, picture(lambda: self.plot(what, style=style), dpi))
 
     def to_csv(self, path: str | os.PathLike[str]) -> Path:
@@ -457,7 +461,8 @@ def _run(
     """Run the members that the folder `store` does not have yet, and return the Ensemble. Without a store run all.
 
     `job` is the run that all members share, and `table` the varied quantities. `threads` is the number of threads
-    without an `executor`. `began` is the clock time in seconds at which the call began.
+    without an `executor`. `began` is the clock time in seconds at which the call began. `progress` is the user's
+    option: False for no progress bar.
     """
     problem, method = job.problem, job.options.method
     check_names(job.columns, problem.model.layout.names(), table.labels, store=store is not None)

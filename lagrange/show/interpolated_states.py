@@ -40,7 +40,7 @@ def known_alone(run: Trajectory) -> OutputPath | None:
 
 
 def states_for_pictures(solution: Solution, t: FloatArray) -> FloatArray:
-    """Return the states (2n, K) of a run at times (K,): from its dense output, or interpolated if it has none.
+    """Return the states (2n, K) of a run at times t (K,): from its dense output, or interpolated if it has none.
 
     Interpolated coordinates are polynomials of degree 5 through the coordinates, velocities and accelerations at two
     outputs. Raises StatementError if the outputs are too far apart for such polynomials.
@@ -67,7 +67,7 @@ class _Between:
         return self.solution.model.rhs(t, np.ascontiguousarray(y), self.solution.parameters_at(t))
 
     def __call__(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the interpolated states (2n, K) and accelerations (n, K) at times (K,)."""
+        """Return the interpolated states (2n, K) and accelerations (n, K) at times t (K,)."""
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
         h = self.t[k + 1] - self.t[k]
         s = (t - self.t[k]) / h
@@ -83,8 +83,8 @@ class _Between:
     def test(self) -> None:
         """Raise StatementError if a polynomial has too large an error in the middle of its interval.
 
-        The error is estimated from the acceleration of the polynomial, which the equations of motion test. On an
-        interval of length h the error in the middle is c h^6/64 with some constant c, and the error of the acceleration
+        The error is estimated there from the difference between the acceleration of the polynomial and the one of the
+        equations of motion. On an interval of length h the error is c h^6/64 with some constant c, and the difference
         is 3 c h^4/8.
         """
         h = np.diff(self.t)

@@ -39,7 +39,10 @@ _WIDTH = 125  # Characters per line of the text below the figure
 
 
 def _below(race: Race, shown: list[Entry]) -> list[str]:
-    """Return the sentences below the figure of a race; `shown` are the runs that the figure shows."""
+    """Return the sentences below the figure of a race: the accuracy of the reference, failed runs, and notes.
+
+    `shown` are the runs that the figure shows.
+    """
     failed = len(race) - len(shown)
     below = [f"Reference: {race.result.reference.about}, known to {race.uncertainty:.1e}."]
     below += [f"{failed} of {len(race)} runs did not reach the end and are not shown."] if failed else []
@@ -170,7 +173,10 @@ class Race:
 
     @property
     def growth(self) -> float:
-        """Largest factor by which a relative error of the state grows from some time of the run to its end."""
+        """Largest factor by which a relative error of the state grows between some time of the run and its end.
+
+        It measures how sensitive the final state is to rounding.
+        """
         return self.result.sensitivity.growth
 
     @property
@@ -316,7 +322,7 @@ class Race:
 
 
 def setting(entry: Entry) -> str:
-    """Return the tolerance or the step of a run as text, such as "tol = 1e-06" or "h = 0.01"."""
+    """Return the tolerance or the step of the run `entry` as text, such as "tol = 1e-06" or "h = 0.01"."""
     return f"{'tol' if entry.adaptive else 'h'} = {entry.setting:.3g}"
 
 

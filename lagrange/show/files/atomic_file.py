@@ -98,9 +98,9 @@ def check_place(path: str | os.PathLike[str]) -> None:
 
 
 def old_mode(target: Path) -> int | None:
-    """Return the permissions of an existing file, None if there is no file.
+    """Return the permissions of the existing file `target`, None if there is no file.
 
-    Raises StatementError for a folder or a device.
+    Raises StatementError for a folder or a device, and if the folder of `target` does not exist.
     """
     if not target.parent.is_dir():
         raise StatementError(
@@ -187,13 +187,13 @@ def _exchange(home: Path, targets: Mapping[str, Path], parts: Mapping[str, Path]
 
 
 def write_rows(file: BinaryIO, names: Sequence[str], columns: Sequence[Iterable[object]]) -> None:
-    """Write columns under their names as CSV, with enough digits to read back the same numbers."""
+    """Write columns under their names as CSV to `file`, with enough digits to read back the same numbers."""
     file.write((",".join(map(cell, names)) + "\n").encode())
     file.writelines((",".join(map(cell, row)) + "\n").encode() for row in zip(*columns, strict=True))
 
 
 def cell(value: object) -> str:
-    """Return a CSV cell (RFC 4180) of a number or a text. A number is written so that it round-trips.
+    """Return `value`, a number or a text, as a cell of a CSV file (RFC 4180). A number round-trips.
 
     A text that starts with ``= + - @`` or a control character gets an apostrophe in front, because spreadsheets would
     run it as a formula.

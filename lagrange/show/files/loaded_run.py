@@ -143,7 +143,7 @@ def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model
 
 
 def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None:
-    """Return the parameters along a run, from the arrays of its file, or None if no event changed them."""
+    """Return the parameters along a run from the `arrays` of its file, or None if no event changed them."""
     if "history_begins" not in arrays:
         return None
     names = ("history_begins", "history_values", "history_added")
@@ -158,7 +158,7 @@ def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None
 def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:
     """Return the states in the file of a run with their times: the outputs `y` at `t`, and states between the outputs.
 
-    Older files have no states between outputs.
+    `arrays` are the arrays in the file. Older files have no states between outputs.
     """
     t_between, y_between = arrays.get("t_between", np.empty(0)), arrays.get("y_between", np.empty((len(y), 0)))
     if y_between.shape != (len(y), len(t_between)):

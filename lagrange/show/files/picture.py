@@ -25,13 +25,19 @@ pictures can still be mailed."""
 
 
 def picture(draw: Callable[[], Figure], dpi: int | None = None) -> Writer:
-    """Return a function that writes a figure as PNG to a file. `draw` is called only after the file was opened."""
+    """Return a function that writes a figure as PNG, with `dpi` dots per inch, to the file that it is called with.
+
+    `draw` returns the figure. It is called only after the file was opened. `dpi` is None for the default.
+    """
     dots = FILE_DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI)
     return lambda file: draw().savefig(file, format="png", dpi=dots)
 
 
 def bounded_png(figure: Figure, dpi: int) -> bytes:
-    """Return a figure as PNG of at most `MOST_BYTES`. A larger PNG gets 256 colours, then fewer dots per inch."""
+    """Return a figure as PNG of at most `MOST_BYTES`, with `dpi` dots per inch if possible.
+
+    A larger PNG gets 256 colours, then fewer dots per inch.
+    """
     drawn = BytesIO()
     figure.savefig(drawn, format="png", dpi=dpi)
     if drawn.getbuffer().nbytes <= MOST_BYTES:

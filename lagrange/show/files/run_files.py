@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 
 
 def data_frame(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[str, Any]) -> pandas.DataFrame:
-    """Return a DataFrame over t (N,) with copies of the rows (N,) as columns. Raises StatementError without pandas."""
+    """Return a DataFrame over t (N,) with copies of the `rows` (N,) as columns, by name, and with `attributes`.
+
+    Raises StatementError without pandas.
+    """
     with optional_package("pandas", "to_pandas"):
         import pandas
     columns = {name: row.copy() for name, row in rows.items()}
@@ -66,7 +69,10 @@ def optional_package(package: str, method: str) -> Iterator[None]:
 
 
 def write_csv(solution: Solution, path: str | os.PathLike[str], rate: float | None, t: ArrayLike | None) -> Path:
-    """Write the states of a run as CSV: at the outputs, at `rate` states per unit of time, or at the times `t`."""
+    """Write the states of a run as CSV: at the outputs, at `rate` states per unit of time, or at the times `t`.
+
+    At most one of `rate` and `t` is not None. Raises StatementError if both are given.
+    """
     if rate is not None and t is not None:
         raise StatementError("rate and t are both given, and each sets the times of the lines: give one of the two.")
     times = times_at(solution.trajectory, rate) if rate is not None else t

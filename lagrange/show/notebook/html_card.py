@@ -21,7 +21,7 @@ _LEFT = "style='text-align:left'"
 
 
 def text(words: str) -> str:
-    """Return a text escaped for HTML, and cut off if it is long."""
+    """Return the text `words` escaped for HTML, and cut off after `MOST_TEXT` characters."""
     line = plain_text(words)
     return escape(line if len(line) <= MOST_TEXT else line[:MOST_TEXT] + " ...")
 
@@ -33,7 +33,10 @@ def pairs(heading: str, rows: Sequence[tuple[str, str]]) -> str:
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return an HTML table of at most `MOST_TABLE` characters; a sentence gives the number of rows left out."""
+    """Return an HTML table of at most `MOST_TABLE` characters, with `headings` above its columns.
+
+    Rows for which there is no room are left out, and a sentence gives their number.
+    """
     head = "".join(f"<th {_LEFT}>{text(name)}</th>" for name in headings)
     body, shown = "", 0
     for row in rows:
@@ -47,12 +50,15 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def folded(summary: str, inside: str) -> str:
-    """Return HTML that is folded under a summary line."""
+    """Return HTML that shows the line `summary`, under which the HTML `inside` is folded."""
     return f"<details><summary>{text(summary)}</summary>{inside}</details>"
 
 
 def sentences(lines: Sequence[str]) -> str:
-    """Return an HTML paragraph for each sentence, up to `MOST_SENTENCES`, and the number of the others."""
+    """Return an HTML paragraph for each of the sentences `lines`.
+
+    After `MOST_SENTENCES` paragraphs, a last one gives the number of the other sentences.
+    """
     shown = "".join(f"<p>{text(line)}</p>" for line in lines[:MOST_SENTENCES])
     more = len(lines) - MOST_SENTENCES
     return shown + (f"<p>{counted(more, 'more remark')}: print() shows all.</p>" if more > 0 else "")

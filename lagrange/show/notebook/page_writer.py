@@ -61,12 +61,12 @@ def left_out(name: str, why: str, instead: str) -> str:
 
 
 def folded(summary: str, inside: str) -> str:
-    """Return Markdown text that folds under a summary line."""
+    """Return Markdown that shows the line `summary`, under which the Markdown `inside` is folded."""
     return f"<details><summary>{escape(plain_text(summary))}</summary>\n\n{inside}\n\n</details>"
 
 
 def bold(words: str) -> str:
-    """Return a text in bold, with special characters escaped."""
+    """Return Markdown of the text `words` in bold, with special characters escaped."""
     return f"**{markdown_text(words)}**"
 
 
@@ -92,7 +92,7 @@ class PageWriter:
         self._page = MarkdownPage(statement)
 
     def inline(self, side: Any) -> str:
-        """Return an expression or a number as LaTeX within a line of text."""
+        """Return the expression or number `side` as LaTeX for use within a line of text."""
         return f"${self.side(side)}$"
 
     def side(self, side: Any) -> str:
@@ -100,7 +100,7 @@ class PageWriter:
         return _plain(self._page.lines.sides.side(Float(f"{side:.6g}") if isinstance(side, float) else side))
 
     def condition(self, condition: Any) -> str:
-        """Return the LaTeX of a condition on parameters."""
+        """Return the LaTeX of a condition on parameters, such as m1 > m2."""
         return _plain(self._page.lines.setter.condition(condition))
 
     def values(self, values: Mapping[Any, Any], units: Mapping[Any, str] | None = None) -> str:
@@ -129,7 +129,7 @@ class PageWriter:
         return self.formulas([formula])
 
     def rows(self, rows: Sequence[Formula | str]) -> tuple[str, int]:
-        """Return formulas and sentences on separate lines as Markdown, and the number of lines."""
+        """Return the formulas and sentences `rows` on separate lines as Markdown, and the number of these lines."""
         together = groupby(rows, key=lambda row: isinstance(row, str))
         texts = [
             "\n\n".join(map(markdown_text, map(str, group)))

@@ -26,7 +26,7 @@ STABILITY = {True: "stable", False: "unstable", None: "stability not decided"}
 
 @notebook_page.register
 def report_page(report: Report) -> str:
-    """Return the page of a check: its verdict, with the table of comparisons under it.
+    """Return the Markdown page of a check `report`: its verdict, with the table of comparisons under it.
 
     The table is folded if all comparisons pass.
     """
@@ -43,7 +43,10 @@ def report_page(report: Report) -> str:
 
 @notebook_page.register
 def comparison_page(comparison: EquationsComparison) -> str:
-    """Return the page of a comparison: the verdict on a student's equations, and a state at which they do not hold."""
+    """Return the Markdown page of a comparison of a student's equations with those of a system.
+
+    It has the verdict, and a state at which the equations do not hold.
+    """
     verdict = f"{bold('Right' if comparison else 'Wrong')}: {markdown_text(comparison.message)}"
     if not comparison.counterexample:
         return verdict
@@ -91,7 +94,7 @@ def _modes(modes: Modes, writer: PageWriter) -> Iterator[Part]:
 
 
 def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
-    """Return the LaTeX of "about" and the numerical value of a frequency, for the end of a formula, or "".
+    """Return the LaTeX of "about" and the numerical value of a frequency of `modes`, to append to its formula.
 
     The result is "" if the frequency contains no symbol, and if one of its symbols has no value.
     """
@@ -102,7 +105,7 @@ def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
 
 
 def _linearization(linear: Linearization, writer: PageWriter) -> Iterator[Part]:
-    """Yield parts of a page: the point of linearization, the matrices M, C and K, and the matrix of the inputs."""
+    """Yield parts of the page of `linear`: its point, the matrices M, C and K, and the matrix of the inputs."""
     yield "the point", f"{bold('Linearization')} at {writer.values(linear.at)}. {markdown_text(linear.note)}"
     for name, matrix in {"M": linear.M, "C": linear.C, "K": linear.K, "input_matrix": linear.input_matrix}.items():
         if not len(matrix):
@@ -135,7 +138,7 @@ def _hamiltonian(hamiltonian: Hamiltonian, writer: PageWriter) -> Iterator[Part]
 
 
 def _rounded(value: Any) -> Any:
-    """Return an expression with its decimal numbers rounded to six digits; exact numbers are unchanged."""
+    """Return the expression `value` with its decimal numbers rounded to six digits; exact numbers are unchanged."""
     if not isinstance(value, sympy.Expr):
         return value
     return value.xreplace({decimal: sympy.Float(f"{float(decimal):.6g}") for decimal in value.atoms(sympy.Float)})
@@ -162,7 +165,7 @@ _register(Hamiltonian, _hamiltonian, "`.expression`, `.momenta` and `.equations(
 
 
 class ResultList(list[Any]):
-    """A list of conserved quantities or equilibria; a notebook shows it as formulas, each with its reason."""
+    """A list of conserved quantities or equilibria; a notebook shows each as a formula, with the reason for it."""
 
     def _repr_markdown_(self) -> str | None:
         if not self:

@@ -33,7 +33,7 @@ SYSTEM_INSTEAD = "`print(system.derivation())` has it as text, `system.equations
 
 
 def system_page(derivation: Derivation, findings: Sequence[str]) -> str:
-    """Return the Markdown page of a system for a notebook.
+    """Return the Markdown page of a system for a notebook, from the `derivation` of its equations.
 
     `findings` are sentences about the structure and the conserved quantities of the system.
     """
