@@ -48,7 +48,7 @@ __all__ = [*sorted(_HOMES), "__version__"]
 
 
 def __getattr__(name: str) -> object:
-    """Load a public name from the module it lives in (PEP 562)."""
+    """Load a public name from the module that defines it (PEP 562)."""
     if name not in _HOMES:
         raise AttributeError(f"module 'lagrange' has no attribute {name!r}")
     home = import_module(_HOMES[name])

@@ -45,7 +45,8 @@ from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.solution import Solution
 
 MACHINES = {"llvm": "lagrange.machine.llvm_machine:LlvmMachine", "numpy": "lagrange.machine.numpy_machine:NumpyMachine"}
-"""Each target by name, with the "module:class" that compiles for it, imported at first use: numpy needs no llvmlite."""
+"""Class that compiles for each target, as "module:class" by the name of the target. The module is imported at first
+use, so that numpy needs no llvmlite."""
 
 
 @dataclass(frozen=True)

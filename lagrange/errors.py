@@ -29,7 +29,7 @@ class LagrangeError(Exception):
 
 
 class StatementError(LagrangeError, ValueError):
-    """An invalid statement or request: the message says what to change."""
+    """Error in a statement or a request of the user. Its message says what to change."""
 
     place: tuple[str | int, ...] = ()
     """Path of the wrong argument in a scene file, such as ("positions", "bob"); empty if it is not known."""
@@ -37,7 +37,10 @@ class StatementError(LagrangeError, ValueError):
 
 @contextmanager
 def located(*path: str | int) -> Iterator[None]:
-    """Return a context manager that puts `path`, an argument or its entry, before the place of a StatementError."""
+    """Return a context manager that puts `path` before the place of a StatementError which is raised inside.
+
+    `path` is the name of an argument, with keys or indices of its entry, such as ("positions", "bob").
+    """
     try:
         yield
     except StatementError as error:
@@ -46,7 +49,7 @@ def located(*path: str | int) -> Iterator[None]:
 
 
 class UnknownKey(StatementError, KeyError, IndexError):
-    """A key that is missing from a mapping, or an index outside of a vector.
+    """Error for a key that is missing from a mapping, or an index outside of a vector.
 
     Because it is a KeyError, `get` and `in` of mappings work; because it is an IndexError, a loop over a vector ends.
     """
@@ -55,7 +58,7 @@ class UnknownKey(StatementError, KeyError, IndexError):
 
 
 class SceneError(StatementError):
-    """A scene file that cannot be used: the message names file, line and column."""
+    """Error in a scene file. Its message names the file, the line and the column."""
 
     def __init__(self, reason: str, *, file: str = "", line: int | None = None, column: int | None = None) -> None:
         location = ":".join(str(part) for part in (shortened(file), line, column) if part not in ("", None))
@@ -67,7 +70,7 @@ class SceneError(StatementError):
 
 
 class RunError(LagrangeError):
-    """A run, or one evaluation of a model, has no usable result."""
+    """Error of a run, or of one evaluation of a model, that has no usable result."""
 
 
 class _Short(reprlib.Repr):
@@ -158,7 +161,7 @@ def suggestion(given: str, known: Iterable[str]) -> str:
 
 
 FAULT = "This is a fault of lagrange, please report it with this message."
-"""End of a message about two computations of the same quantity that disagree."""
+"""End of a message about a fault of this package: two computations of the same quantity disagree."""
 
 
 def listing(names: Iterable[str], most: int | None = None) -> str:

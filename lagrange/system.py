@@ -371,9 +371,9 @@ class System:
         """Return sliders for parameters and initial values in a notebook, with a picture that follows them.
 
         `explore(l=(0.1, 2), theta=(0, 3))` has sliders for the parameter l and for theta at t = 0; `ranges` gives
-        bounds by symbol, {theta.dot: (-1, 1)}. The notebook shows the page of `to_page` in a frame, with these sliders
-        first. `t_end` sets its speed and picture size; with `play` it starts at once. Raises StatementError for a
-        function that JavaScript lacks, and for a name that is not a parameter, coordinate or velocity.
+        bounds by symbol, {theta.dot: (-1, 1)}. The notebook shows the page of `to_page`, with these sliders first.
+        `t_end` sets the speed of the page; with `play` the motion starts at once. Raises StatementError for a function
+        that JavaScript lacks, and for a name that is not a parameter, coordinate or velocity.
         """
         from lagrange.page.web_page import explore
 
@@ -563,7 +563,7 @@ class System:
     ) -> Figure:
         """Return a Matplotlib figure of the eigenvalues about an equilibrium along a parameter.
 
-        Arguments and raised errors are those of `eigenvalues`; `style` is "light" or "dark".
+        `parameter`, `values`, `at` and the errors are as in `eigenvalues`; `style` is "light" or "dark".
         """
         from lagrange.show.figures.dynamics_figures import plot_eigenvalues
 

@@ -93,7 +93,10 @@ def add_json(command: CommandParser) -> None:
 
 
 def add_start(command: CommandParser, *, method: bool = True) -> None:
-    """Add the options of a run: parameters, initial state, end time, and with `method` the integration method."""
+    """Add to the parser `command` the options of a run: parameters, initial state, and end time.
+
+    With `method` the option for the integration method is added, too.
+    """
     add_parameters(command)
     add_initial(command)
     command.add_argument("--t-end", metavar="T", help=DESCRIPTIONS["t_end"])
@@ -102,14 +105,14 @@ def add_start(command: CommandParser, *, method: bool = True) -> None:
 
 
 def add_parameters(command: CommandParser) -> None:
-    """Add the option --set, which sets values of parameters and is stored as `request.set`."""
+    """Add to the parser `command` the option --set for values of parameters, which is stored as `request.set`."""
     command.add_argument(
         "--set", metavar="NAME=VALUE", action="append", default=[], help="value of a parameter, such as m=2"
     )
 
 
 def add_initial(command: CommandParser) -> None:
-    """Add the option --initial, which sets initial values and is stored as `request.initial`."""
+    """Add to the parser `command` the option --initial for initial values, which is stored as `request.initial`."""
     text = "initial value, such as theta=30deg or theta_dot=1"
     command.add_argument("--initial", metavar="NAME=VALUE", action="append", default=[], help=text)
 
@@ -197,7 +200,10 @@ def assignments(option: str, texts: Sequence[str]) -> dict[str, float]:
 
 
 def given_number(option: str, text: str | None) -> float | None:
-    """Return the number that `text`, the argument of an option, states; None if the option is absent."""
+    """Return the number in `text`, the argument of the option `option`; None if the option is absent.
+
+    Raises StatementError, with the name of the option, for any other text.
+    """
     return None if text is None else number(option, text)
 
 
@@ -219,7 +225,7 @@ def number(option: str, text: str) -> float:
 
 
 def count(option: str, text: str | None) -> int | None:
-    """Return the whole number, at least 2, that `text`, the argument of an option, states.
+    """Return the whole number, at least 2, in `text`, the argument of the option `option`.
 
     The result is None if the option is absent. Raises StatementError for any other text.
     """

@@ -73,9 +73,9 @@ _IMPORTING = "<frozen importlib"
 class Signalled(KeyboardInterrupt):
     """Exception: a signal asked the program to end.
 
-    It is a subclass of KeyboardInterrupt, because Python treats a plain KeyboardInterrupt specially. If that ends code
-    that `exec` runs, such as the definition of a named tuple, Python kills the process with SIGINT at its end, even if
-    the exception was caught.
+    It is a subclass of KeyboardInterrupt, because Python treats a plain KeyboardInterrupt specially. If a plain one
+    ends code that `exec` runs, such as the definition of a named tuple, Python kills the process with SIGINT at its
+    end, even if the exception was caught.
     """
 
     def __init__(self, number: int) -> None:

@@ -227,8 +227,8 @@ def _target(request: argparse.Namespace) -> Path | None:
 
 
 MOST_WITHOUT_STORE = 10_000_000
-"""Largest number of members without a store. So many take minutes even for the fastest systems, and without a store an
-interrupted ensemble cannot be continued."""
+"""Largest number of members without a store. An ensemble of this size takes minutes even for the fastest systems, and
+without a store it cannot be continued after an interruption."""
 
 
 def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped: bool) -> str:

@@ -1,1 +1,1 @@
-"""Data of phase portraits, sections and bifurcation diagrams. Public functions with defaults: show/dynamics.py."""
+"""Data of phase portraits, sections and bifurcation diagrams. Their public functions are in show/dynamics.py."""

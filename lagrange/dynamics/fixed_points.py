@@ -56,7 +56,10 @@ class FixedPoint:
 
     @property
     def stable(self) -> bool | None:
-        """True if motions that start near the equilibrium stay near, or None if the linear equations do not decide."""
+        """True if motions that start near the equilibrium stay near, False if they do not.
+
+        It is None if the linear equations do not decide.
+        """
         if self.kind in (DEGENERATE, LINEAR_CENTRE):
             return None
         return self.kind == CENTRE or self.kind.startswith("stable")
@@ -102,7 +105,11 @@ def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: f
 
 
 def _is_linear(model: Model, parameters: FloatArray, state: FloatArray) -> bool:
-    """Return False if the forces have a corner or a jump at a state (2n,), such as dry friction at rest."""
+    """Return True if the forces are differentiable at a state (2n,), so that linear equations exist there.
+
+    It is False at a corner or a jump of a force, such as dry friction at rest. `parameters` are the values of the
+    parameters.
+    """
     known = dict(zip(model.statement.parameters, parameters.tolist(), strict=True))
     statement = model.with_defaults(known).statement
     at = dict(zip((*statement.coordinates, *statement.velocities), state.tolist(), strict=True))
@@ -132,7 +139,10 @@ def kind_of(values: FloatArray, *, conservative: bool) -> str:
 
 
 def _at_rest(model: Model, parameters: FloatArray, x: FloatArray) -> FloatArray:
-    """Return the accelerations (k,) at the coordinates x (k,) with velocity zero, NaN where they have no value."""
+    """Return the accelerations (k,) at the coordinates x (k,) with velocity zero, NaN where they have no value.
+
+    `parameters` are the values of the parameters.
+    """
     try:
         return np.asarray(model.accelerations(x[None, :], np.zeros((1, len(x))), 0.0, parameters)[0])
     except RunError:
@@ -140,7 +150,10 @@ def _at_rest(model: Model, parameters: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray) -> list[float]:
-    """Return the coordinates where the acceleration a (k,) at x (k,) changes its sign, to rounding, by bisection."""
+    """Return the coordinates where the acceleration at rest changes its sign, to rounding, by bisection.
+
+    `a` (k,) are the accelerations at the coordinates x (k,), and `parameters` the values of the parameters.
+    """
     exact = x[a == 0.0].tolist()
     at = np.nonzero(np.sign(a[:-1]) * np.sign(a[1:]) < 0)[0]
     low, high, sign = x[at], x[at + 1], a[at] > 0
@@ -156,10 +169,10 @@ def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArra
 
 
 def _touches(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray, largest: float) -> list[float]:
-    """Return the coordinates where the acceleration touches zero without a change of sign.
+    """Return the coordinates where the acceleration at rest touches zero without a change of sign.
 
-    `a` (k,) are the accelerations at the coordinates x (k,), and `largest` is the largest of them. A search narrows the
-    interval around each minimum of abs(a).
+    `a` (k,) are the accelerations at the coordinates x (k,), and `largest` is their largest magnitude. `parameters` are
+    the values of the parameters. A search narrows the interval around each minimum of abs(a).
     """
     size, sign = np.abs(a), np.sign(a)
     inner = np.nonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]) & (sign[:-2] * sign[2:] > 0))[0] + 1

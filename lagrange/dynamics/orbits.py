@@ -202,7 +202,8 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
 def until_arrival(window: PlaneWindow, run: Trajectory, equilibria: Sequence[FixedPoint]) -> Trajectory:
     """Return the part of a run up to its first arrival at one of the `equilibria`, or the whole run if there is none.
 
-    A run arrives if its distance falls below ARRIVED widths of the window, after it was ten times as large.
+    A run arrives if its distance from the equilibrium in the plane, as a fraction of the window, was above 10 ARRIVED
+    and falls below ARRIVED.
     """
     times, states = sampled(run)
     best = math.inf

@@ -43,8 +43,8 @@ SAMPLES_PER_CELL = 64  # Number of states in each step that mark the cells that 
 SAME_PLACE = 1e-9  # Distance below which two equilibria are the same, as a fraction of the window
 
 START_DISPLACEMENT = np.array([0.1, 0.0])
-"""Displacement (x, v) from an initial state that is an equilibrium. The motion from the displaced state has a range,
-from which the default window follows."""
+"""Displacement (x, v) from an initial state that is an equilibrium. The motions from the two displaced states set the
+default window."""
 
 MOST_RESTS = 16
 """Largest number of equilibria that the default window is made to contain.
@@ -125,19 +125,25 @@ class _Portrait:
         return slopes[[self.plane[0].row, self.plane[1].row]]
 
     def _slopes(self, states: FloatArray) -> FloatArray:
-        """Return dy/dt (2n, k) at states (2n, k). Velocities without inertia are recomputed from the other entries."""
+        """Return the time derivatives (2n, k) of states (2n, k).
+
+        Velocities without inertia in the states are replaced by the values that follow from the other entries.
+        """
         followed = with_rates(self.runs.model, self.time, states, self.runs.parameters)
         return self.runs.model.rhs(self.time, followed, self.runs.parameters)
 
     def field(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the grid of arrows, x (k,) and y (m,), and the derivatives by time of the two entries, (m, k) each."""
+        """Return the grid of arrows, x (k,) and y (m,), and the time derivatives of the two entries there.
+
+        The derivatives are (m, k) each, of the entry on the horizontal and of the entry on the vertical axis.
+        """
         x, y = (np.linspace(axis.low, axis.high, 2 * axis.count + 1)[1::2] for axis in self.plane)
         columns, rows = np.meshgrid(x, y)
         u, v = self.rates(columns.ravel(), rows.ravel())
         return x, y, u.reshape(columns.shape), v.reshape(columns.shape)
 
     def nullclines(self) -> dict[str, tuple[FloatArray, ...]]:
-        """Return by name of each entry on an axis the lines (j, 2) on which its time derivative is zero.
+        """Return the lines (j, 2) on which the time derivative of an entry is zero, by name of the entry on each axis.
 
         The grid extends half a cell beyond the window, to include lines on its border.
         """
@@ -153,7 +159,7 @@ class _Portrait:
         }
 
     def distinct(self, equilibria: Sequence[FixedPoint]) -> list[int]:
-        """Return the indices of distinct equilibria. Those that differ only by full turns of angles count as one."""
+        """Return the indices of distinct equilibria. Equilibria that differ by full turns of angles count as one."""
         numbers: list[int] = []
         for k, equilibrium in enumerate(equilibria):
             others = np.array([equilibria[i].state for i in numbers]).reshape(-1, len(equilibrium.state))
@@ -388,7 +394,7 @@ def _free(model: Model, fixed: Collection[int]) -> list[int]:
 
 
 def _too_many(model: Model, left: int) -> str:
-    """Return the error message for a plane with a wrong number, `left`, of entries without a fixed value."""
+    """Return the error message if `left` entries of the state have no fixed value, and not two as a plane needs."""
     statement = model.statement
     names = [statement.state_names[row] for row in _free(model, ())]
     n = len(statement.coordinates)

@@ -449,7 +449,11 @@ def _drift(runs: Runs, states: FloatArray, orbits: Sequence[Crossings]) -> float
 
 
 def _ended(orbits: Sequence[Crossings], count: int, event: Event | None, statement: Statement) -> tuple[Status, str]:
-    """Return the status and the message of a section of `count` orbits."""
+    """Return the status and the message of a section.
+
+    `orbits` are the finished orbits, and `count` is the number of orbits that were to be run. `event` defines the
+    section; it is None if points are taken after each period.
+    """
     total = sum(len(orbit.times) for orbit in orbits)
     noun = "point" if event is None else "crossing"
     if len(orbits) < count or any(orbit.status is Status.INTERRUPTED for orbit in orbits):
@@ -473,5 +477,8 @@ def _ended(orbits: Sequence[Crossings], count: int, event: Event | None, stateme
 
 
 def surface(event: Event, statement: Statement) -> str:
-    """Return the equation of the section of an event as text. A long expression is truncated."""
+    """Return the equation of a section, such as "theta = 0", as text: the expression of its event is zero.
+
+    A long expression is cut to about 60 characters.
+    """
     return f"{statement.quote(event.expression, 60)} = 0"

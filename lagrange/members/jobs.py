@@ -29,7 +29,8 @@ from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.run import Flow
 
 Engine = RunEngine | FlowEngine | LaneEngine
-"""Object that runs members, `side_by_side` at the same time. A member's result depends only on its initial values."""
+"""Object that runs members, `side_by_side` of them at the same time. The result of a member depends only on its initial
+values."""
 
 ENGINES_KEPT = 4
 """Largest number of ensembles whose compiled code a worker process keeps. The oldest code is dropped."""
@@ -129,7 +130,7 @@ def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
 
 
 def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
-    """Run a chunk of members from their initial values `starts`. Return their results and the time that it took.
+    """Run a chunk of members by `engine` from their initial values `starts`; return their results, with the time.
 
     `stopped` is called without arguments. When it returns True, no further member may begin.
     """
@@ -214,7 +215,7 @@ class ExecutorRunner:
         return self._executor.submit(run_chunk, self._job, starts, **self._options)
 
     def stop(self) -> None:
-        """Do nothing: submitted chunks finish soon, and workers on other machines cannot be asked."""
+        """Do nothing: submitted chunks finish soon, and workers on other machines cannot be told to stop."""
 
     def close(self) -> None:
         """Do nothing: the user closes the executor."""
@@ -229,7 +230,8 @@ FIRST_CHUNK, LARGEST_CHUNK = 8, 65536
 GOES_ON = "With store= the same call goes on where this one stopped."
 
 Take = Callable[[int, ChunkResult], None]
-"""Callback for the results of a chunk: number of its first member, and the results."""
+"""Callback that receives the results of a chunk. Its arguments are the index of the chunk's first member, and the
+results."""
 
 
 def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:

@@ -263,7 +263,8 @@ EVENT, UNFINISHED = STATUSES.index(Status.EVENT), STATUSES.index(Status.MAX_STEP
 
 _OUTCOMES = [STATUSES.index(_STATUSES[outcome]) if outcome in _STATUSES else UNDECIDED for outcome in Outcome]
 _CODES = np.array([*_OUTCOMES, EVENT], dtype=np.uint8)
-"""Status code of a member by the outcome of its compiled loop, as an index. The last entry is for `ENDED_BY_EVENT`."""
+"""Status code of a member by the outcome of its compiled loop, which is an index. The last entry is for
+`ENDED_BY_EVENT`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -121,7 +121,10 @@ def event_states(k: int) -> str:
 
 
 def keep_of(keep: Any, model: Model, events: Sequence[Any]) -> Keep:
-    """Return the user's `keep` option, for runs with `events`. Raises StatementError for unknown or invalid entries."""
+    """Return the user's `keep` option as a `Keep`, for runs with `events`.
+
+    Raises StatementError for unknown or invalid entries.
+    """
     listed = entries((keep,) if isinstance(keep, str) or _is_reduction(keep) or _is_first(keep) else keep, "keep")
     if not listed:
         raise StatementError(f'keep is {shown(keep)}: give at least one result, such as ("end", ("max", theta)).')
@@ -170,7 +173,10 @@ def reduction_label(key: Any, model: Model) -> str | None:
 
 
 def entry_for(label: str) -> str:
-    """Return, for a message, the entry of the user's `keep` option that creates the column `label`, else ""."""
+    """Return the entry of the user's `keep` option, as text for a message, that creates the column `label`.
+
+    The text is "" if no entry creates it.
+    """
     if label == DRIFT or label in COUNTED:
         return f'"{DRIFT if label == DRIFT else COUNTS}"'
     how, bracket, rest = label.partition("(")
@@ -288,7 +294,10 @@ class SampledRun:
         return best
 
     def _inside(self, expression: Any, begin: float, length: float, fraction: float, *_: Any) -> float:
-        """Return an expression at a `fraction` of the step of the duration `length` that starts at `begin`."""
+        """Return the value of an expression within a step that starts at the time `begin` and lasts `length`.
+
+        `fraction` is the time since the start of the step, divided by its duration. Other arguments are ignored.
+        """
         times = np.array([begin + fraction * length])
         return float(self._values(expression, times, self.run.dense(times))[0])
 
@@ -297,7 +306,7 @@ class SampledRun:
     ) -> FloatArray:
         """Return the values (K,) of an expression at times (K,) and states (2n, K) of the run.
 
-        `parameters` are (k, K), one column for each time. By default they are the parameters of the member, or the
+        `parameters` are (p, K), one column for each time. By default they are the parameters of the member, or the
         values that its events have set.
         """
         values = self.run.parameters_at(times, self.parameters) if parameters is None else parameters
@@ -306,7 +315,8 @@ class SampledRun:
     def _parameters(self, low: int, high: int) -> Parameters:
         """Return the parameters at the sample points of the steps with the indices `low` to `high` - 1.
 
-        The shape is (k, steps * points), with equally many points for each step, or (k,) if no event sets parameters.
+        The shape is (p, steps * points) for p parameters and equally many points in each step, or (p,) if no event sets
+        parameters.
         """
         begin = self.run.parameters_at(self.run.t, self.parameters)
         if not (isinstance(begin, np.ndarray) and begin.ndim == 2):

@@ -46,7 +46,10 @@ class Varied:
 
     @cached_property
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
-        """The axes by name: the keys of a grid with their values, else "member" with all indices of members."""
+        """The values on each axis, by name. The axes of a grid are its keys.
+
+        Without a grid there is one axis, "member", with the indices of all members.
+        """
         if self.crossed:
             return {label_of(key): values for key, values in self.stated.items()}
         return {"member": np.arange(len(next(iter(self.stated.values()))))}
@@ -128,7 +131,8 @@ def axis_values(label: str, axis: Any) -> FloatArray:
 METHODS = ("sobol", "latin", "random")
 
 MOST_DIMENSIONS = 21201
-"""Largest dimension of Sobol's sequence, for which direction numbers exist."""
+"""Largest number of varying values in a Sobol sample: the largest dimension of the sequence for which direction numbers
+exist."""
 
 
 def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str = "sobol") -> Varied:

@@ -29,8 +29,8 @@ from lagrange.trajectory.measures.times_and_points import moving_points
 ALWAYS = ("rhs", "energy", "dop853")  # Contents that every page exports; dop853 computes the motion
 
 TOLERANCE = 1e-13
-"""Relative and absolute tolerance of the steps. In a minute of motion the energy of the double pendulum drifts by some
-1e-12. The computation of one picture takes 30 us."""
+"""Relative and absolute tolerance with which a page computes the motion. In a minute of motion the energy of the double
+pendulum drifts by some 1e-12. The computation of one picture takes 30 us."""
 
 PAGE_STEPS = 5000  # Largest number of integration steps between two states that a page draws; a pendulum takes one
 

@@ -308,7 +308,7 @@ def animate(
 
 
 def png(pixels: Pixels) -> bytes:
-    """Return pixels as a PNG."""
+    """Return the content of a PNG file with the picture `pixels` (height, width, 4)."""
     from PIL.Image import fromarray
 
     file = io.BytesIO()

@@ -96,7 +96,7 @@ def places(statement: Statement) -> dict[str, tuple[str, int]]:
 
 
 def _rates_of(statement: Statement) -> list[Any]:
-    """Return the symbols of the rates of rotation of all bodies about their axes, three for each body."""
+    """Return the symbols of the rates of rotation of all bodies about their own axes, three for each body."""
     return [rate for name in statement.rotations for rate in rotation_of(name).body]
 
 
@@ -206,9 +206,9 @@ def parameter_bounds(value: float) -> tuple[float, float]:
 
 
 def nice(size: float) -> float:
-    """Return the least round bound of a slider that is not below `size`: a number with the one digit 1, 2, 3 or 5.
+    """Return the least round bound of a slider that is not below `size`, such as 0.3 for 0.27.
 
-    For 0.27 it is 0.3.
+    A round number has a single nonzero digit: 1, 2, 3 or 5.
     """
     if not math.isfinite(1 / size):
         return size

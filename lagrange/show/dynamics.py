@@ -207,8 +207,8 @@ class ShownModes(Modes):
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
         """Return the figure of the modes: for each mode bars for its components, and the displaced positions.
 
-        On a user's `ax` the components of all modes are bars side by side. Raises StatementError where a parameter
-        has no value.
+        On a user's axes `ax` the components of all modes are bars side by side. `style` is "light" or "dark". Raises
+        StatementError where a parameter has no value.
         """
         return plot_modes(self.shapes_in_numbers(), ax, style)
 

@@ -196,7 +196,7 @@ class Ensemble:
 
     @property
     def messages(self) -> Mapping[int, str]:
-        """Message of each member that did not succeed, by its number."""
+        """Message of each member that did not succeed, by the index of the member."""
         return Messages(self)
 
     @property

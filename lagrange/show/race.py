@@ -166,8 +166,8 @@ class Race:
     def floor(self) -> float:
         """Smallest error that rounding allows, in the same units as the errors.
 
-        It is the change of the final state that results if the most sensitive state along the run is rounded to a
-        double.
+        It is the change of the final state that results if the state is rounded to a double once, at the time of the
+        run at which this has the largest effect.
         """
         return self.result.sensitivity.floor
 
@@ -181,7 +181,7 @@ class Race:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences about the race as a whole."""
+        """Sentences about the race, for example on methods that do not take part, and on sensitive motions."""
         return self.result.notes
 
     def fastest(self, error: float) -> Entry | None:

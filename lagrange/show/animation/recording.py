@@ -129,8 +129,9 @@ class Recording:
     - `states` are (2n, S).
     - `points` are the named points, (2, S) or (3, S) each; the dict may be empty.
     - `energies` are T, V and E by name, (S,) each; T and V only if both were stated. The dict may be empty.
-    - `change` (S,) is the change of E relative to its size, and `kept` is true if E is conserved.
+    - `change` (S,) is the change of E relative to `energy_size`, and `kept` is true if E is conserved.
     - `jumps` are the indices of the samples after which an event sets states or parameters.
+    - `energy_letter` is the printed letter of E.
     """
 
     statement: Statement
@@ -144,8 +145,8 @@ class Recording:
     detail: int
     energy_letter: str = "E"
     energy_size: float = 0.0
-    """Largest magnitude of the terms that are added to the energies. Changes smaller than its rounding noise are drawn
-    as a level line."""
+    """Scale of the energies: the initial energy, or if that is close to zero the kinetic energy. Changes below the
+    rounding noise of this scale are drawn as a level line."""
 
     @property
     def zero(self) -> float:

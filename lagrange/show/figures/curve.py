@@ -153,8 +153,8 @@ and runs of 10,000 periods reached it; then each column of pixels has the smalle
 _MOST_VALUES = 2**25  # Largest number of coordinates of all samples: 256 MB
 
 _EACH_STEP, _FEWEST, _MOST_FIRST = 12, 500, 120_000
-"""Number of samples of a curve before refinement: so many for each step of the run, and the least and largest number of
-them. A step of order 30 can cover three periods of an oscillation."""
+"""Samples of a curve before refinement: the number for each step of the run, and the least and the largest number for
+the whole curve. A step of order 30 can cover three periods of an oscillation."""
 
 MOST_ROUNDS = 60
 """Largest number of times that intervals between samples are halved. The least length of an interval is reached after

@@ -66,7 +66,10 @@ class View:
 
     @property
     def shape(self) -> str:
-        """Shape of the panel of this view: "row" or "column" if all points lie on one line, else "square"."""
+        """Shape of the panel of this view: "row" if all points lie on a horizontal line, else "column" or "square".
+
+        It is "column" if they lie on a vertical line.
+        """
         if self.extended[0] == self.extended[1]:
             return "square"
         return "row" if self.extended[0] else "column"
@@ -284,7 +287,7 @@ class Paths:
     links: tuple[Link, ...]
     surfaces: tuple[tuple[str, ...], ...]
     note: str
-    """Sentence on points that leave the panel, for its title; empty if none do."""
+    """Sentence on points that leave the panel, for the title of the panel; empty if none do."""
 
     def of(self, name: str) -> FloatArray:
         """Return the path of the point `name`, (2, K)."""
@@ -401,7 +404,7 @@ class PathPanel:
 
     @property
     def shape(self) -> str:
-        """Shape of the panel: row, column or square."""
+        """Shape of the panel: "row", "column" or "square", as for its view."""
         return self.view.shape
 
     def draw(self, axis: Axes, pixels: Pixels, style: FigureStyle) -> None:

@@ -125,7 +125,7 @@ class Contents:
         return self._each(lambda run: quantities.entries(run, names, merged=self.merged, rate=rate)) if names else []
 
     def _each(self, of: Callable[[Solution], list[PanelQuantity]]) -> list[Panel]:
-        """Return one panel for each of the quantities that `of(run)` returns, for all runs."""
+        """Return one panel for each of the quantities that `of(run)` returns; every panel shows all runs."""
         rows = zip(*(of(run) for run in self.solutions), strict=True)
         return [TimePanel(row, self.solutions, self.labels) for row in rows]
 

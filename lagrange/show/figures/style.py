@@ -60,8 +60,8 @@ _UNSEEN = str.maketrans("", "", "${}_^\\")
 
 
 MARKERS = "osD^vP*Xh<p"
-"""Markers of lines, as letters of Matplotlib. The k-th line has the k-th colour and marker, in turn. There are 11
-markers and eight colours, numbers without a common factor, so that 88 pairs differ."""
+"""Markers of lines, as letters of Matplotlib. Successive lines take colours and markers in turn. There are 11 markers
+and eight colours, numbers without a common factor, so that 88 pairs differ."""
 
 
 class LineStyle(NamedTuple):
@@ -234,7 +234,7 @@ def _classes() -> dict[str, Any]:
             return f"<figure{name}, {counted(len(self.axes), 'panel')}: .savefig(path) writes it to a file>"
 
     class NumberFormatter(Formatter):
-        """Tick labels of an axis, with only the digits that distinguish them."""
+        """Matplotlib's formatter of the tick labels of an axis, with only the digits that distinguish them."""
 
         __qualname__ = "NumberFormatter"
 

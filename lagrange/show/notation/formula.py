@@ -25,8 +25,8 @@ PARAMETER, MULTIPLIER, POSITION, VELOCITY, ACCELERATION, FUNCTION = range(6)
 GRAVITY = (PARAMETER, LETTERS.index("g"))
 MASS = (PARAMETER, LETTERS.index("m M mu"))
 LAST = (POSITION, 0, 1_000_000)
-"""Rank, for the order of symbols in a product or sum, of time and of symbols that are not in the statement. They follow
-the coordinates."""
+"""Rank of time, and of symbols that are not in the statement, in the order of the symbols in a product or sum. They
+follow the coordinates."""
 
 Key = tuple[Any, ...]
 
@@ -81,7 +81,10 @@ class BookOrder:
         return self.moves(factor) or bool(self.factor(factor)[0] >= ACCELERATION)
 
     def _key(self, factor: Any) -> Key:
-        """Return the sort key of a factor of a product: constants, powers of symbols, sums, then functions."""
+        """Return a sort key of a factor, which orders the factors of a product as textbooks do.
+
+        Constants come first, then powers of symbols, sums, and functions.
+        """
         base, exponent = factor.as_base_exp()
         if function := given_function(base):
             return (ACCELERATION, 1, base.derivative_count if base.is_Derivative else 0, 0, function)
@@ -227,7 +230,10 @@ class BookOrder:
 
 
 def given_function(node: Any) -> str:
-    """Return the name of a known function of time, also if `node` is its derivative; "" for any other expression."""
+    """Return the name of the known function of time that `node` is, such as X(t), or of which it is a derivative.
+
+    The result is "" for any other expression.
+    """
     function = node.expr if isinstance(node, sympy.Derivative) else node
     return str(function.func.__name__) if isinstance(function, AppliedUndef) and function.args == (t,) else ""
 

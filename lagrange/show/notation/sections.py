@@ -215,7 +215,7 @@ def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
 def _coordinate(derivation: Derivation, index: int) -> Iterator[Formula | str]:
     """Yield the terms of the Euler-Lagrange equation of coordinate number `index`, then the equation itself.
 
-    The equation contains the terms as symbols, such as dL/dq.
+    Terms are formulas such as dL/dtheta = -m g l sin(theta). The equation contains only their left sides.
     """
     statement = derivation.statement
     q, name = statement.coordinates[index], statement.names[index]

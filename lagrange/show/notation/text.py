@@ -11,7 +11,8 @@ from typing import ClassVar
 from lagrange.statement.vocabulary.letters import GREEK as LETTERS
 
 UNICODE_GREEK = {name: letter for letter, name in LETTERS.items()} | {"Pi": "Π"}
-"""Greek letters by their LaTeX names. "pi" is missing, because it is always printed as the number."""
+"""Greek letters by their LaTeX names without backslash. The name "pi" is missing, because it is always printed as the
+number."""
 
 GREEK = frozenset(UNICODE_GREEK)
 
@@ -254,7 +255,8 @@ class Notation:
     def product(self, pieces: Sequence[FormulaPiece]) -> FormulaPiece:
         """Return the text of a product from its factors `pieces`, with parentheses where they are necessary.
 
-        In text with functions such as sin θ, sin θ becomes sin(θ) unless it is the last factor or a function follows.
+        A function without parentheses, such as sin θ, becomes sin(θ) unless it is the last factor or a function
+        follows.
         """
         if len(pieces) == 1:
             return pieces[0]
@@ -277,7 +279,7 @@ class BookNotation(Notation):
     """Template of an absolute value."""
 
     function_names: ClassVar[Mapping[str, str]] = {"log": "ln"}
-    """Printed names of functions, if they differ from the names in expressions."""
+    """Printed names of functions by their names in expressions. A function without an entry has the same name."""
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
         """Return the function `name` of its arguments, such as cos(a - b), |x| or e^(-t), raised to any `exponent`.
@@ -300,7 +302,7 @@ class BookNotation(Notation):
         return FormulaPiece(closed, call=True)
 
     def function_name(self, name: str) -> str:
-        """Return the spelling of the name of a function."""
+        """Return the printed name of the function `name`, such as ln for log."""
         return self.function_names.get(name, name)
 
     def applied(self, head: str, inside: str) -> str:

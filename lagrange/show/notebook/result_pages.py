@@ -119,8 +119,8 @@ def _linearization(linear: Linearization, writer: PageWriter) -> Iterator[Part]:
 
 
 MOST_SIMPLIFIED = 60
-"""Largest number of operations of H whose derivatives are simplified for a notebook; the double pendulum has 56 and
-takes 1 s."""
+"""Largest number of operations of a Hamiltonian whose equations are simplified for a notebook. That of the double
+pendulum has 56, and takes 1 s."""
 
 
 def _hamiltonian(hamiltonian: Hamiltonian, writer: PageWriter) -> Iterator[Part]:
