@@ -52,7 +52,11 @@ class EquilibriumBranch:
 
 @dataclass(frozen=True, eq=False)
 class BranchesData:
-    """Branches of equilibria at `values` (k,) of a parameter. The picture shows the coordinate with the name `axis`."""
+    """The `branches` of equilibria at `values` (k,) of a parameter.
+
+    `axis` is the name of the coordinate that the picture shows. `status` is SUCCESS, or INTERRUPTED after Ctrl-C, and
+    `message` gives the number of branches.
+    """
 
     statement: Statement
     parameter: str

@@ -95,10 +95,10 @@ class PlaneWindow:
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """A run through the plane: increasing times (k,), states (k, 2n), and how the run ended.
+    """A run through the plane: increasing times `t` (k,) and states (k, 2n).
 
-    `at(times)` interpolates states. `closed` is true if the orbit returned to its start. `parts` are the runs that make
-    up the orbit. Angles are not wrapped.
+    `status` and `message` say how the run ended. `at(times)` interpolates states. `closed` is true if the orbit
+    returned to its start. `parts` are the runs that make up the orbit. Angles are not wrapped.
     """
 
     t: FloatArray

@@ -57,6 +57,7 @@ more of them, the window ignores all."""
 class PortraitData:
     """The parts of a phase portrait; states have 2n entries, coordinates and then velocities.
 
+    - `plane` has the horizontal and the vertical axis, each with an entry of the state and its range.
     - `x` (k,) and `y` (m,) are the coordinates of the grid of arrows on the horizontal and the vertical axis.
     - `u` and `v` (m, k) are the time derivatives of the entry on the horizontal and on the vertical axis at the arrows.
     - `nullclines` maps the name of an entry to the lines (j, 2) on which its time derivative is zero.
@@ -66,6 +67,7 @@ class PortraitData:
     - `turns` is true if the entry on the horizontal axis is an angle.
     - `held` maps the names of the entries that are not on the axes to their fixed values.
     - `time` is the time at which the field is evaluated, None if the system does not depend on time.
+    - `status` is SUCCESS, or INTERRUPTED after Ctrl-C, and `message` names orbits that ended early.
     """
 
     statement: Statement

@@ -34,7 +34,7 @@ LONGEST_WAIT = 200  # Longest time without a crossing, in mean periods of small 
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Times (k,) and states (k, 2n) of one orbit on a section, with its final status and message."""
+    """The crossings of a section by one orbit: times (k,), states (k, 2n), and the orbit's final status and message."""
 
     times: FloatArray
     states: FloatArray
@@ -248,11 +248,12 @@ class SectionData:
 
     - `starts` (m, 2n) are the states at which orbits began.
     - `statuses` and `messages` say how each orbit ended: EVENT with all of its crossings, SUCCESS with fewer.
+    - `status` and `message` summarize all orbits.
     - `event` defines the section; it is None for states at times `period` apart.
     - `energy` is the energy of all starts, or None if it was not prescribed.
     - `border` are the closed lines (j, 2) around the states of that energy, in the plane of `axes`.
     - `axes` are the names of the two entries to draw.
-    - `drift` is the largest change of the energy, relative to its size, for a system that conserves it.
+    - `drift` is the largest change of the energy relative to its size, None for a system that does not conserve energy.
     """
 
     statement: Statement

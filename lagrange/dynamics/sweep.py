@@ -43,6 +43,8 @@ class SweepData:
     - `statuses` has for each value how each orbit ended.
     - `event` defines the section. Without an event, points are taken once in a period of the driving, `periods` (k,).
     - `followed` is true if each orbit began where the orbit at the previous value ended.
+    - `axes` are the names of a coordinate and its velocity; by default the picture shows the coordinate.
+    - `status` and `message` summarize all orbits.
     """
 
     statement: Statement

@@ -269,7 +269,10 @@ _CODES = np.array([*_OUTCOMES, EVENT], dtype=np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class LaneEngine:
-    """Runs members in vector lanes, several at the same time. `single` runs members that the lanes cannot finish."""
+    """Runs members in vector lanes, several at the same time, by the code `compiled` and the method of `plan`.
+
+    `single` runs members that the lanes cannot finish.
+    """
 
     compiled: Compiled
     plan: Plan

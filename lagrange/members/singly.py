@@ -123,7 +123,7 @@ class Explained(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RunEngine:
-    """Runs members one by one over a time span with the same options.
+    """Runs members of one model one by one, over the same time span with the same options.
 
     `times` (K,) are output times, or None. `keep` and `columns` describe the results that are stored.
     """

@@ -312,7 +312,8 @@ class StoredResults:
 
     Each access reads from the store. Unwritten blocks are blank. A block is kept in memory until it is complete. A call
     that was stopped within a block may have written this block in part. `left` are the bounds (first, end) of blocks of
-    members that had no results at the start of the call. `made_of` is the description of the ensemble.
+    members that had no results at the start of the call. `made_of` is the description of the ensemble. `messages` is
+    empty, because a store has no messages.
     """
 
     messages: Mapping[int, str] = MappingProxyType({})

@@ -166,9 +166,11 @@ STYLES = ("auto", "light", "dark")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Animation:
-    """Frames of a run at the times `t`, (K,), with `states` (2n, K) and named `points`, (2, K) or (3, K) each.
+    """Frames of a run of the system `name` at the times `t`, (K,), with `states` (2n, K) and named `points`.
 
-    `notes` report settings that differ from the requested ones; `path` is the file that was written, if any.
+    A point is (2, K) or (3, K). `recording` has the data between the frames, too, and `film` draws the frames. `style`
+    is "auto", "light" or "dark". `notes` report settings that differ from the requested ones; `path` is the file that
+    was written, or None.
     """
 
     name: str
@@ -202,7 +204,7 @@ class Animation:
     def frame_size(self) -> tuple[int, int]:
         """Width and height in pixels that the player needs on a page."""
         width, height = self.film.size
-        share = 0.7 if self.film.scene is None else self.film.plan.scene[3]  # part of the height that the picture has
+        share = 0.7 if self.film.scene is None else self.film.plan.scene[3]  # picture, as a fraction of the height
         return max(width, 480), round(share * height) + BESIDES
 
     def frame(self, number: int) -> Pixels:

@@ -65,7 +65,7 @@ EXAMPLE = (0.5, 2.0)  # Example of bounds in an error message
 
 @dataclass(frozen=True)
 class Slider:
-    """A slider of a page for one value of a system, with the bounds `low` and `high`.
+    """A slider of a page for one value of a system, with the bounds `low` and `high`, and the `unit` of the value.
 
     `kind` is `PARAMETER`, `STATE` or `RATE`. `place` is the index of the value among the parameters, in the initial
     state, or among the rates of rotation of all bodies, three for each body. `chosen` is true if the user chose the

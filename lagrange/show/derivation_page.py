@@ -171,7 +171,7 @@ class LatexPage(Page):
         for section in sections:
             lines += ["", f"\\section*{{{self.heading(section, latex_text, '${}$')}}}"]
             lines += map(self.row, section.rows) if section.heading == ALONE else self.rows(section.rows)
-        # A formula at the begin of a paragraph has a blank line before it.
+        # A formula at the start of a paragraph has a blank line before it.
         text = re.sub(r"\\par\n(?=\\(?:\[|begin))", "\n", "\n".join(lines))
         return text + "\n\n\\end{document}\n"
 

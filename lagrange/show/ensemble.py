@@ -344,10 +344,11 @@ class Ensemble:
 
 @dataclass(frozen=True, repr=False)
 class Messages(Mapping[int, str]):
-    """Messages of members that did not succeed, by index of the member.
+    """Messages of members that did not succeed, by index of the member. `failed` are the indices of these members.
 
-    Most messages are computed at first use, by running the member alone. Rounding may differ then. If the run ends at
-    another time, to six digits, the message is derived from the final state of the member in the ensemble.
+    Most messages are computed at first use, by running the member alone. Its rounding errors may then differ. If the
+    run then ends at another time, to six digits, the message is derived from the final state of the member in the
+    ensemble.
     """
 
     ensemble: Ensemble

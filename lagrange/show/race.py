@@ -126,7 +126,8 @@ class Race:
 
     An `Entry` has the method, its step or tolerance, the error and the time of one run; `records` has the same data as
     dicts. The error is that of the state at the end of the run, or the largest one at its output times. Errors are in
-    the units of the state, or relative to the size of each entry of the state if `relative`. Times are in seconds.
+    the units of the state, or relative to the size of each entry of the state if `relative`. Computing times are in
+    seconds. `span` is the time span of the runs, and `result` has the entries and the reference run.
     """
 
     result: Result

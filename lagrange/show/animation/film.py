@@ -249,9 +249,10 @@ class _FilmFigure:
 
 @dataclass(frozen=True)
 class _Plan:
-    """Layout of a picture: its size, a scale factor for fonts and lines, and the rectangles of its panels.
+    """Layout of a picture: its `size` in pixels, and the rectangles of its panels.
 
-    A rectangle is (left, bottom, width, height), as fractions of the picture.
+    `scene` is the rectangle of the panel of moving points, and `charts` are those of the panels over time. A rectangle
+    is (left, bottom, width, height), as fractions of the picture. `scale` is a factor for the sizes of fonts and lines.
     """
 
     size: tuple[int, int]

@@ -38,7 +38,7 @@ def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int],
 
     every = max(1, int(np.ceil(SHORTEST_FRAME / 100 / interval - 1e-9)))
     numbers = range(0, film.frames, every)
-    # Times are rounded as a whole, so that the duration of the motion is right.
+    # Ends of frames are rounded, not their durations, so that rounding errors do not add up.
     ends = np.rint(100 * interval * every * np.arange(len(numbers) + 1)).astype(int)
     colours = _Colours(film.palette)
     width, height = film.size

@@ -259,7 +259,7 @@ def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str
     model, statement, parameters = solution.model, solution.model.statement, solution.parameters_at(t)
     energies: dict[str, FloatArray] = {}
     try:
-        if statement.potential != 0:  # a Lagrangian has no parts, and without V the kinetic energy is all of it
+        if statement.potential != 0:  # else T is the whole energy, or only L was stated
             parts = {"T": statement.kinetic, "V": statement.potential}
             energies = {name: model.evaluate_expression(part, t, states, parameters) for name, part in parts.items()}
         energies["E"] = np.asarray(model.energy(*model.layout.split(states), t, parameters))

@@ -132,7 +132,7 @@ def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]
     for part in orbit.parts:
         begin = first_times(part)
         extent = np.ptp(part.dense(begin)[rows], axis=1)
-        # Here a panel shows the window, and an angle may cross it several times.
+        # The panel shows the window of the portrait, which an angle may cross several times.
         pixels = Pixels(PANEL_WIDTH * extent[0] / first.width, PANEL_HEIGHT * extent[1] / second.width)
         _, points = in_plane(partial(_points, part, rows), begin, pixels)
         x, y = points[0]

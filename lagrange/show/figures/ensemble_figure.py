@@ -41,8 +41,9 @@ _EVENT = re.compile(r"t_event_([0-9]+)")
 class MemberQuantity:
     """A quantity with one value per member: `values` (members,), NaN if the member failed or has no value.
 
-    `label` is the label of its axis. `failed` (members,) is true for members without a complete run; `unrun` is the
-    number of members that were not run. `angle` is true for an angle, wrapped to between -pi and pi.
+    `name` is the name of the quantity, and `label` the label of its axis. `failed` (members,) is true for members
+    without a complete run; `unrun` is the number of members that were not run. `angle` is true for an angle, wrapped to
+    between -pi and pi.
     """
 
     name: str

@@ -74,7 +74,10 @@ class LineStyle(NamedTuple):
 
 @dataclass(frozen=True)
 class FigureStyle:
-    """Colours of a figure: background, text, pale text, grid, and lines."""
+    """Colours of a figure in the style `name`: background `paper`, text `ink`, pale text and lines `quiet`, and `grid`.
+
+    `colours` are the colours of the lines, which are used in turn.
+    """
 
     name: str
     paper: str

@@ -70,7 +70,7 @@ class Transpose:
 
 @dataclass(frozen=True)
 class SignedTerms:
-    """A sum in a formula: pairs (True if the term is subtracted, term)."""
+    """A sum in a formula: its `terms` are pairs (True if the term is subtracted, term)."""
 
     terms: tuple[tuple[bool, Any], ...]
 
@@ -99,7 +99,10 @@ class Formula:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, followed by formulas and sentences. `symbol` is the coordinate that the section is about, or None."""
+    """A section of a derivation: its heading, and its `rows`, which are formulas and sentences.
+
+    `symbol` is the coordinate that the section is about, or None.
+    """
 
     heading: str
     rows: tuple[Formula | str, ...]
@@ -205,7 +208,7 @@ def _vector(entries: tuple[Any, ...]) -> ExpressionRows:
 def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
     statement = derivation.statement
     if statement.lagrangian_alone:
-        if derivation.lagrangian != statement.lagrangian:  # it was stated, a section above
+        if derivation.lagrangian != statement.lagrangian:  # the stated L is already in the section above
             yield Formula((LAGRANGIAN, derivation.lagrangian))
         return
     difference = SignedTerms(((False, KINETIC), (True, POTENTIAL)))

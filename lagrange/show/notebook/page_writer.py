@@ -196,7 +196,7 @@ class ExpressionDict(dict[Any, Any]):
 
 
 class ExpressionTuple(tuple[Any, ...]):
-    """A tuple of SymPy expressions that prints in the spelling of scene files."""
+    """A tuple of SymPy expressions in the symbols of `statement`, which prints in the spelling of scene files."""
 
     statement: Statement
 
