@@ -372,8 +372,8 @@ class System:
 
         `explore(l=(0.1, 2), theta=(0, 3))` has sliders for the parameter l and for theta at t = 0; `ranges` gives
         bounds by symbol, {theta.dot: (-1, 1)}. The notebook shows the page of `to_page`, with these sliders first.
-        `t_end` sets the speed of the page; with `play` the motion starts at once. Raises StatementError for a function
-        that JavaScript lacks, and for a name that is not a parameter, coordinate or velocity.
+        `t_end` sets the speed of the page; with `play` the motion starts at once; `style` is "light" or "dark". Raises
+        StatementError for functions that JavaScript lacks, and for names that are not in the system.
         """
         from lagrange.page.web_page import explore
 

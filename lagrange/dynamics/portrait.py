@@ -145,7 +145,7 @@ class _Portrait:
         return x, y, u.reshape(columns.shape), v.reshape(columns.shape)
 
     def nullclines(self) -> dict[str, tuple[FloatArray, ...]]:
-        """Return the lines (j, 2) on which the time derivative of an entry is zero, by name of the entry on each axis.
+        """Return the nullclines by the name of the entry on each axis: lines (j, 2) where its time derivative is zero.
 
         The grid extends half a cell beyond the window, to include lines on its border.
         """

@@ -130,7 +130,7 @@ def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
 
 
 def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
-    """Run a chunk of members by `engine` from their initial values `starts`; return their results, with the time.
+    """Run a chunk of members by `engine` from their initial values `starts`; return the results and the time it took.
 
     `stopped` is called without arguments. When it returns True, no further member may begin.
     """

@@ -145,8 +145,8 @@ class Recording:
     detail: int
     energy_letter: str = "E"
     energy_size: float = 0.0
-    """Scale of the energies: the initial energy, or if that is close to zero the kinetic energy. Changes below the
-    rounding noise of this scale are drawn as a level line."""
+    """Scale of the energies: the initial energy, or if that is close to zero the largest kinetic energy. Changes below
+    the rounding noise of this scale are drawn as a level line."""
 
     @property
     def zero(self) -> float:

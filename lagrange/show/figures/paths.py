@@ -66,10 +66,7 @@ class View:
 
     @property
     def shape(self) -> str:
-        """Shape of the panel of this view: "row" if all points lie on a horizontal line, else "column" or "square".
-
-        It is "column" if they lie on a vertical line.
-        """
+        """Shape of the panel: "row" for points on a horizontal line, "column" on a vertical one, else "square"."""
         if self.extended[0] == self.extended[1]:
             return "square"
         return "row" if self.extended[0] else "column"

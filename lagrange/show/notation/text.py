@@ -150,8 +150,8 @@ class Notation:
 
     relation = "{0} {1} {2}"
     relations: ClassVar[Mapping[str, str]] = {}
-    """Spellings of the comparison signs in conditions, by the sign in Python, such as "≤" for "<=". Other signs are
-    printed as in Python. `relation` is the template of a condition: left side, sign, right side."""
+    """Spellings of the comparison signs <, <=, >, >=, = and != in conditions, such as "≤" for "<=". A sign without an
+    entry is printed as it is. `relation` is the template of a condition: left side, sign, right side."""
 
     constants: ClassVar[Mapping[str, str]] = {"e": "exp(1)", "infinity": "oo"}
     """Spellings of the constants "pi", "e" and "infinity"; a constant without an entry is printed by its name."""
