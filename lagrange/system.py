@@ -122,7 +122,7 @@ class System:
 
     @classmethod
     def from_scene(cls, path: str | Path) -> System:
-        """Read a scene file. Raises SceneError with file, line and column."""
+        """Return the system in a scene file. Raises SceneError with file, line and column."""
         return cls.from_statement(read_scene(path))
 
     def __reduce__(self) -> tuple[Any, ...]:

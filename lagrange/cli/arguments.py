@@ -44,7 +44,7 @@ class Help(argparse.HelpFormatter):
     """
 
     def add_argument(self, action: argparse.Action) -> None:
-        """Add an argument to the help text, and make the column of command names wider by their indentation."""
+        """Add an argument to the help text. For command names, which are indented, make their column wider."""
         super().add_argument(action)
         if action.nargs == argparse.PARSER:
             self._action_max_length += self._indent_increment

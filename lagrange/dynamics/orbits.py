@@ -223,7 +223,7 @@ def until_arrival(window: PlaneWindow, run: Trajectory, equilibria: Sequence[Fix
 
 
 LINEAR_ERROR = 1e-10
-"""Largest distance of a start from the separatrix, as a fraction of the window.
+"""Largest distance between the start of a computed separatrix and the exact separatrix, as a fraction of the window.
 
 Rounding of the saddle itself is 1e-16 and grows along the motion, so a smaller limit has no effect."""
 

@@ -391,7 +391,10 @@ def _level(runs: Runs, energy: Any, solve_for: Any) -> EnergyLevel | None:
 
 
 def drawn_axes(statement: Statement, event: Event | None) -> tuple[str, str]:
-    """Return the names of the entries to draw: a coordinate that does not occur in the event, and its velocity."""
+    """Return the names of the two entries that the picture of a section shows: a coordinate and its velocity.
+
+    It is the first coordinate that does not occur in the `event` of the section, which may be None.
+    """
     names = statement.names
     plain = None if event is None else event.expression.xreplace(dict(statement.plain))
     among = set() if plain is None else {symbol.name for symbol in plain.free_symbols}

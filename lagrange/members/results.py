@@ -50,7 +50,8 @@ class Column(NamedTuple):
     def dimensions(self) -> tuple[str, ...]:
         """The names of the array's dimensions in a store, after the dimension of the members.
 
-        A column of states has one dimension less: its entries are stored as separate variables.
+        A column of states has no dimension for the entries of a state, because each entry is stored as a separate
+        variable.
         """
         if self.name in (STATE, OUTPUTS):
             return (OUTPUT_TIME,) if self.name == OUTPUTS else ()

@@ -199,7 +199,7 @@ COMPUTED = ("motion", "sliders")  # Scripts of a motion that the page computes
 RECORDED = ("recording",)  # Scripts of a recorded motion
 
 ENDS = re.compile(r"<(?=/script|script|!--)", re.IGNORECASE)
-"""Text that would end a script element early, or open a comment inside it."""
+"""Pattern of the first character of a text that would end a script element early, or open a comment inside it."""
 
 _COMMENT = re.compile(r"^ *(//.*|/\*\*.*\*/|/\*\*$(?:\n *\* .*)*\n *\*/)$|/\*.*?\*/", re.MULTILINE)
 

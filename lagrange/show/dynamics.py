@@ -252,8 +252,9 @@ def phase_portrait(
     coordinate with a period of 2 pi is an angle, and is wrapped.
 
     Separatrices begin on the eigenvectors of a saddle, with an error below 1e-10 of the window. For a system that
-    depends on time, the field is evaluated at the time `t`, at which orbits begin. Ctrl-C keeps the finished parts,
-    with `Status.INTERRUPTED`. Raises StatementError for an invalid plane.
+    depends on time, the field is evaluated at the time `t`, at which orbits begin. `parameters`, `method`, `rtol` and
+    `step` are as for a run; the default of rtol is 1e-12. `progress` shows the finished part. Ctrl-C keeps the finished
+    parts, with `Status.INTERRUPTED`. Raises StatementError for an invalid plane.
     """
     limit = ORBIT_STEPS if max_steps is None and step is None else max_steps
     _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress, limit)
@@ -287,7 +288,8 @@ def poincare(
     `starts` are initial states, a list of dicts or rows (m, 2n); a dict overlays the initial state of the system. With
     `energy` all starts have that energy. The velocity `solve_for` follows from the energy, with the sign of the event's
     direction. Each orbit is followed for `skip` crossings, and then for `crossings` that are kept. An orbit ends early
-    if no crossing occurs within the time `longest`, 200 periods of small motions by default.
+    if no crossing occurs within the time `longest`, 200 periods of small motions by default. `parameters`, `method`,
+    `rtol` and `step` are as for a run; the default of rtol is 1e-12. `progress` shows the number of finished orbits.
 
     The result has `times` and `states`, (k,) and (k, 2n) for each start, `points` of all, and `plot(x, y)`. Ctrl-C
     keeps the finished orbits. Raises StatementError for an invalid section, and for starts whose energy is too high.
@@ -330,13 +332,15 @@ def bifurcation(
     period of its driving. The period follows from the sines and cosines of time, or is given as `section`. With an
     event as `section`, as in `poincare`, any system is sampled at its crossings. At each value the orbits from `starts`
     are followed for `skip` samples, and then for `points` samples that are kept. With `follow` the orbits begin where
-    those of the previous value ended, so that rising and falling values show hysteresis. The result has `states`
-    (k, m, points, 2n), and `cycles` (k, m), the number of points after which each orbit repeats.
+    those of the previous value ended, so that rising and falling values show hysteresis. The result has `states` (k, m,
+    points, 2n), and `cycles` (k, m), the number of points after which each orbit repeats.
 
     For a system without driving and without a section the result shows its equilibria: `branches`, with formulas where
     they are found, and stability.
 
-    Ctrl-C keeps the finished values. Raises StatementError for an unknown parameter, and for an empty range.
+    `parameters` overlay the values of the other parameters. `method`, `rtol` and `step` are as for a run; the default
+    of rtol is 1e-9. `progress` shows the number of finished values, which Ctrl-C keeps. Raises StatementError for an
+    unknown parameter, and for an empty range.
     """
     model, runs = _runs(system, (method, rtol, step), USUAL, parameters, progress)
     name = parameter_of(model.statement, parameter)

@@ -191,7 +191,7 @@ class Ensemble:
 
     @cached_property
     def status(self) -> NDArray[np.object_]:
-        """Status of each run, (members,) of `lagrange.Status`."""
+        """Status of the run of each member, an array (members,) of `lagrange.Status`."""
         return np.array(STATUSES, dtype=object)[self._codes]
 
     @property
@@ -206,12 +206,18 @@ class Ensemble:
 
     @property
     def t_events(self) -> tuple[FloatArray, ...]:
-        """Times of the first k occurrences of each event, (members, k), NaN after the last."""
+        """Times of the first k occurrences of each event, (members, k), for ("events", k) in `keep`.
+
+        If an event occurred less often, the other times are NaN.
+        """
         return tuple(self._kept(event_times(k), EVENTS) for k in range(len(self.problem.events)))
 
     @property
     def y_events(self) -> tuple[FloatArray, ...]:
-        """States at the first k occurrences of each event, (members, k, 2n), NaN after the last."""
+        """States at the first k occurrences of each event, (members, k, 2n), for ("events", k) in `keep`.
+
+        If an event occurred less often, the other states are NaN.
+        """
         return tuple(self._kept(event_states(k), EVENTS) for k in range(len(self.problem.events)))
 
     def plot(self, what: Any = None, *, ax: Any = None, style: str = "light") -> Figure:

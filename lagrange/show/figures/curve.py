@@ -143,8 +143,9 @@ Points = Callable[[FloatArray], FloatArray]
 """Function from times (K,) to p points of the plane at each, (p, 2, K)."""
 
 TOLERANCE = 0.3
-"""Largest distance in pixels from a chord to the curve. Chords with a larger distance are halved, which divides it by
-about four. The largest distance measured over all scenes and 1,000 periods is 0.3."""
+"""Largest accepted distance, in pixels, of a curve from the chord between two samples. The interval of a worse chord is
+divided in two, which divides the distance by about four. The largest remaining distance in all scenes, over 1,000
+periods, is 0.3."""
 
 MOST_SAMPLES = 2**18
 """Largest number of samples of a curve. Refinement stops there, even if a chord is still inexact. Only rounding noise
@@ -246,7 +247,7 @@ def _scale(pixels: Pixels, extents: FloatArray, count: int) -> FloatArray:
 
 
 def _over(t: FloatArray, values: FloatArray) -> FloatArray:
-    """Return values (r, K) at times t (K,) as points (r, 2, K): time, then value."""
+    """Return the curves `values` (r, K) over the times `t` (K,) as points of the plane (r, 2, K): time, then value."""
     return np.stack([np.broadcast_to(t, values.shape), values], axis=1)
 
 

@@ -64,11 +64,12 @@ _MARKERS = {
     "unstable node": ("s", "open"),
     "degenerate": ("D", "paper"),
 }
-"""Marker of each kind of equilibrium, and its fill."""
+"""Matplotlib's marker of each kind of equilibrium, and its fill: "paper" is pale, "ink" is dark, and "open" has the
+colour of the background."""
 
 
 def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") -> Figure:
-    """Return the figure of a phase portrait, drawn on the axes `ax` if they are given."""
+    """Return the figure of a phase portrait, drawn on the axes `ax` if they are given. `style` is "light" or "dark"."""
     look = style_of(style)
     figure, axis = panel_on(ax, look, (8.2, 5.4))
     _field(axis, portrait, look)

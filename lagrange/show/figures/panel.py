@@ -311,7 +311,7 @@ class Curves:
 
 @dataclass(frozen=True, eq=False)
 class TimePanel:
-    """Panel of one quantity over time, for one or several runs of systems with the same coordinates.
+    """Panel of one quantity over time, for one or several runs, `solutions`, of systems with the same coordinates.
 
     `quantities` has the quantity for each run. `labels` are the names of the runs in the legend. A `wide` panel is
     higher and has a larger title.
@@ -437,7 +437,7 @@ def _largest(rows: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class PhasePanel:
-    """Panel with the phase plane of the coordinate `name` for one or several runs; `labels` are names of the runs."""
+    """Panel with the phase plane of the coordinate `name` for the runs `solutions`; `labels` are names of the runs."""
 
     name: str
     solutions: tuple[Solution, ...]

@@ -393,7 +393,7 @@ _FARTHEST = 0.28  # Share of the path's colour in the colour of its farthest par
 
 @dataclass(frozen=True, eq=False)
 class PathPanel:
-    """Panel with the paths of named points of one or several runs in one view; `labels` are names of the runs."""
+    """Panel with the paths of named points of the runs `solutions` in one `view`; `labels` are names of the runs."""
 
     solutions: tuple[Solution, ...]
     labels: tuple[str, ...]

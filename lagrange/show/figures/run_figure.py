@@ -261,7 +261,7 @@ def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: 
 class _Left:
     """Left part of a figure: panels over time with a common time axis, above panels of paths along a horizontal line.
 
-    Many panels of coordinates are in two columns.
+    More than `_ONE_COLUMN` panels of coordinates are in two columns.
     """
 
     def __init__(self, panels: Sequence[TimePanel], rows: Sequence[Panel]) -> None:

@@ -34,7 +34,10 @@ _LIGHTNESS, _SATURATION = (0.33, 0.5, 0.62), (0.75, 0.9, 0.55)
 
 
 def colours(count: int, few: tuple[str, ...] = COLOURS) -> tuple[str, ...]:
-    """Return `count` different colours: `few` if it has enough, else hues around the circle, light and dark in turn."""
+    """Return `count` different colours: the first of `few` if it has enough, else hues around the circle.
+
+    Light and dark hues alternate.
+    """
     if count <= len(few):
         return few[:count]
     shares = (hls_to_rgb(k / count, _LIGHTNESS[k % 3], _SATURATION[k % 3]) for k in range(count))
@@ -95,7 +98,7 @@ STYLES = {style.name: style for style in (LIGHT, DARK)}
 
 
 def style_of(name: Any) -> FigureStyle:
-    """Return a style by its name. Raises StatementError for an unknown name."""
+    """Return the colours of the style `name`, "light" or "dark". Raises StatementError for another name."""
     return STYLES[one_of(name, STYLES, "style = {given} is not known: give one of {known}.")]
 
 

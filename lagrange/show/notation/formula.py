@@ -73,11 +73,14 @@ class BookOrder:
         return sorted(self.rank.get(symbol, LAST) for symbol in expression.free_symbols)
 
     def moves(self, expression: Any) -> bool:
-        """Return True if an expression contains a symbol that is not a parameter."""
+        """Return True if an expression contains a symbol that is not a parameter, and so may vary in time."""
         return any(rank[0] != PARAMETER for rank in self.symbols(expression))
 
     def follows(self, factor: Any) -> bool:
-        """Return True if a factor is printed after a fraction of constants: a function, or a factor with variables."""
+        """Return True if a factor is printed after a fraction of constants, like sin(theta) in (g/l) sin(theta).
+
+        Such a factor is a function, or contains a symbol that is not a parameter.
+        """
         return self.moves(factor) or bool(self.factor(factor)[0] >= ACCELERATION)
 
     def _key(self, factor: Any) -> Key:
