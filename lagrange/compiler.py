@@ -53,7 +53,7 @@ use, so that numpy needs no llvmlite."""
 class Stages:
     """Compiles the functions of a model when they are first needed, from its `equations` and for its `machine`.
 
-    This is the `KernelProvider` of a model.
+    A model calls it by the protocol `KernelProvider`.
     """
 
     equations: Equations

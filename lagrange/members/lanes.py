@@ -79,9 +79,9 @@ class MemberTasks:
 
     `reductions` are expressions that are reduced to one number along the steps. `path` is the dense output that
     reductions and events use, or None. `varying` is True if each member has its own parameters. `watched` are the event
-    functions, and `reactions` has for each the direction, terminal count and reset. The first `events` functions are
-    events of the user. The others are square roots in the equations of motion. A zero of such a root ends the run of
-    the member, since no Taylor series is valid after it.
+    functions, and `reactions` has for each the direction of its crossings, the number of occurrences that ends a run,
+    and its reset. The first `events` functions are events of the user. The others are square roots in the equations of
+    motion. A zero of such a root ends the run of the member, since no Taylor series is valid after it.
     """
 
     reductions: tuple[Reduction, ...]
@@ -328,7 +328,7 @@ class LaneEngine:
         return single.again(starts, ends, np.flatnonzero(doubtful))
 
     def complete(self, outputs: FloatArray, output_times: FloatArray, states: FloatArray, times: FloatArray) -> None:
-        """Correct the states `outputs` (m, K, 2n) of m members at `output_times` (K,) in place.
+        """Replace in `outputs` (m, K, 2n), the states of m members at `output_times` (K,), those at and after the end.
 
         The runs ended at `times` (m,) in `states` (m, 2n). If a run ended exactly at an output time, its last state is
         written there. After the end of a run NaN is written.
