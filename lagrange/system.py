@@ -563,7 +563,7 @@ class System:
     ) -> Figure:
         """Return a Matplotlib figure of the eigenvalues about an equilibrium along a parameter.
 
-        `parameter`, `values`, `at` and the errors are as in `eigenvalues`; `style` is "light" or "dark".
+        `parameter`, `values`, `at` and raised errors are as in `eigenvalues`; `style` is "light" or "dark".
         """
         from lagrange.show.figures.dynamics_figures import plot_eigenvalues
 
