@@ -61,8 +61,8 @@ LARGEST_NOISE = 1e-8
 """Largest size of the last coefficients, as a fraction of the function, that may count as noise."""
 
 STEP_HALVINGS = 500
-"""Largest number of halvings of one step. A function that needs more is irregular, and the caller examines it. Some
-tens of roots need fewer.
+"""Largest number of halvings of one step in the search for roots of one event function. If more are needed, the roots
+cannot be resolved, and the caller examines the step. Some tens of roots need fewer.
 """
 
 TOGETHER = 4 * 2.0**-52
@@ -72,8 +72,9 @@ CROSSING = 2
 """Code in place of a direction: zeros count in both directions, but a touch of zero does not count."""
 
 CLEAR_FACTOR = 16.0
-"""An event function within rounding of zero at its start is compared with this initial value until it is larger by this
-factor. Otherwise a ball that is below the floor by rounding would meet the floor again while it rises.
+"""Factor by which an event function must exceed its initial value before its zeros count again. It applies to functions
+that are within rounding of zero at the start of a motion. Otherwise a ball that is below the floor by rounding would
+meet the floor again while it rises.
 """
 
 CLOSEST = 64 * 2.0**-52
@@ -87,7 +88,9 @@ of the state.
 """
 
 MOST_BETWEEN_REVIEWS = 256
-"""Largest number of steps between two searches for events if an event may end the run. Later steps are discarded."""
+"""Largest number of steps between two searches for events if an event may change the motion. The steps after such an
+event are discarded.
+"""
 
 FIRST_REVIEW = 4
 """Number of steps before the first search for events if an event resets the state. Later steps are discarded."""
@@ -113,6 +116,6 @@ change leaves its direction open.
 """
 
 JUMP = 1e-4
-"""An event function or switching surface above this fraction of its largest term is not zero. If its sign changes
-there, it has jumped.
+"""Largest value of an event function or switching surface at a zero, as a fraction of its largest term. If the sign
+changes at a larger value, the function has jumped.
 """

@@ -1,8 +1,8 @@
 """Loop over steps with events: take steps, search them for events, go back to an event that changes the motion.
 
 The search is called review. A change of the motion is a reset of the state, other equations of motion, or the end of
-the run. A reset after which the event function leaves zero is applied here. Irregular events are left to the caller,
-together with the steps that are not reviewed yet.
+the run. A reset after which the event function leaves zero is applied here. Events whose zeros cannot be resolved are
+left to the caller, together with the steps that are not reviewed yet.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ MOST_WAITING = 1024
 """Largest number of steps between two searches for events. Their times and states are stored until the search."""
 
 NEEDS_REVIEW, READ_EVENTS = 16, 17
-"""Codes in addition to those of `Outcome`. NEEDS_REVIEW: a step is irregular, and the caller must search it.
-READ_EVENTS: the array of events or of changes of the motion is full.
+"""Codes in addition to those of `Outcome`. NEEDS_REVIEW: the loop cannot resolve the zeros on a step, and the caller
+must search it. READ_EVENTS: the array of events or of changes of the motion is full.
 """
 
 RESET_AT, RESET_SIZE, UNTIL_END, SETTINGS = range(4)
@@ -93,13 +93,13 @@ class EventRun:
     """`Outcome` with which the driver returned after these steps."""
 
     rows: int
-    """Number of rows that were written before these steps."""
+    """Number of rows of times and states that were written before the steps not yet searched for events."""
 
     proven: int
     """Number of zeros that were written on steps before these."""
 
     budget: int
-    """Number of steps that the caller allows."""
+    """Number of steps that the caller allows in this call."""
 
     left: int
     """Number of steps that are left of `budget`."""
@@ -357,10 +357,10 @@ def loop_type() -> Bundle:
 
 @procedure(loop=loop_type)
 def event_steps(loop: EventLoop) -> int:
-    """Take steps of a run and search them for events, until an irregular event or the end of the run.
+    """Take steps of a run and search them for events, until the run ends or the caller must handle an event.
 
-    Return an `Outcome`; or `NEEDS_REVIEW` if the caller must search the steps for an irregular event; or
-    `READ_EVENTS` if an array is full. `Outcome.WATCHED` means that the caller must change the motion at the present
+    Return an `Outcome`; or `NEEDS_REVIEW` if zeros on the steps cannot be resolved, so that the caller must search
+    them; or `READ_EVENTS` if an array is full. `Outcome.WATCHED` means that the caller must change the motion at the present
     state. A further call with the same `loop` continues from there. Steps that the caller has searched in the
     meantime are not searched again.
     """

@@ -1,6 +1,6 @@
 """Polynomials on [0, 1], as event functions have on a step: values, and zeros by Newton's method and bisection.
 
-Coefficients are in units of the step.
+The variable is the fraction of the step, so a coefficient of power k includes the factor h**k.
 """
 
 from __future__ import annotations
@@ -201,8 +201,9 @@ def slope_at_end(c: In, count: int) -> float:
 
 
 Sums = tuple[float, float, float, float]
-"""Noise of a sum of terms (infinite or NaN if an input is not finite); sum of magnitudes of all terms but the first;
-sum of magnitudes of the derivative's terms; value at the end of the step.
+"""Four numbers about the terms c[k] h**k of a polynomial on a step of length h. The first is the error of the
+polynomial's values, infinite or NaN if an input is not finite. Then follow the sum of the magnitudes of all terms but
+the first, the sum of the magnitudes of k times each term, and the value at the end of the step.
 """
 
 

@@ -181,7 +181,9 @@ SAFELY = 4.0
 """Safety factor of the estimated error of a cubic, in addition to the factor of four for all noise."""
 
 UNRESOLVED = 0.02
-"""If a cubic misses more than this fraction of the change of an entry of the state, it cannot exclude events."""
+"""Largest error of a cubic, as a fraction of the change of an entry of the state, at which the cubic may exclude events
+on a step.
+"""
 
 
 class Widths(NamedTuple):
@@ -248,7 +250,7 @@ def work_size(dimension: int, events: int, columns: int = WIDEST_VECTOR) -> int:
 
 @dataclass(frozen=True)
 class Samples:
-    """Steps of a run, and what is needed to evaluate the event functions along them, on blocks of steps.
+    """Steps of a run, with the functions and memory that evaluate the event functions along them, block by block.
 
     `polynomial` writes the dense output of a block, of a `degree`, to `c`; it needs the neighbours of steps if
     `both` is 1. `kernel` evaluates the event functions. If `screens` is true, cubics are tried first: they

@@ -51,8 +51,9 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 ENDED, IRREGULAR, CHANGED, CROWDED = range(4)
-"""Reasons for the end of a review: after the last step; before an irregular step; before a step on which the motion
-changes; before a step whose zeros may not fit into the arrays.
+"""Reasons for the end of a review, the search for events on accepted steps. ENDED: the last step is searched.
+IRREGULAR: the zeros on the next step cannot be resolved, so that the caller must search it. CHANGED: an event changes
+the motion on the next step. CROWDED: the zeros on the next step may not fit into the arrays.
 """
 
 UNKNOWN, IGNORED = 0, 5
@@ -96,7 +97,7 @@ class Review:
     """Number of zeros in the arrays, including those of earlier searches."""
 
     step: int
-    """Number of the step before which the review ended."""
+    """Number of the first step that the review did not accept; the review ended before it."""
 
     event: int
     """Index of the event that changes the motion on step `step`."""
@@ -172,10 +173,11 @@ class ZeroSearch:
 
     @inline
     def begin_at_zero(self, step: int) -> bool:
-        """Record which event functions are zero at the start or just after a reset. Return True if one is irregular.
+        """Record which event functions are zero at the start or just after a reset.
 
-        `step` is the number of the step; only the first step after a start or a reset has such functions. An event with
-        a reset is regular only if the reset led to that zero. A function with a known sign is not recorded: its search
+        Return True if the caller must decide what such a zero means. This is the case for an event with a reset, unless
+        that reset led to the zero. `step` is the number of the step; only the first step after a start or a reset has
+        such functions. A function with a known sign is not recorded: its search
         continues with this sign, as from one step to the next.
         """
         watch, lines, columns = self.watch, self.lines, self.samples.columns
@@ -313,8 +315,8 @@ class ZeroSearch:
 
         `part` has the start and width of the part, and the polynomial's number of coefficients, error and size.
         The search ends at the fraction `length` of the part. `begins` is true if the function starts at zero at
-        the start of the part; `is_end` if the motion ends or changes at the end of the search. Returns True if
-        the zeros are irregular, as at a jump over zero, and the new number of zeros.
+        the start of the part; `is_end` if the motion ends or changes at the end of the search. The first result is
+        True if the zeros cannot be resolved, as at a jump over zero. The second is the new number of zeros.
         """
         start, width, known, error, size = part
         first, is_irregular, noise = int(begins), False, error

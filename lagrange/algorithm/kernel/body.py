@@ -111,7 +111,9 @@ CONDITIONS = frozenset(op for op, signatures in OPERATIONS.items() if signatures
 """Names of operations whose result is true or false."""
 
 MOSTLY_ZERO = 4
-"""If less than one in this number of entries of a triangle is nonzero, a loop first sets all entries to zero."""
+"""Number of entries of a matrix's triangle per nonzero entry, above which generated code first clears the triangle in a
+loop and then writes the nonzero entries only.
+"""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,9 @@ from lagrange.program.program import Instruction, Program
 ZERO_CONSTANT = Instruction("constant")
 
 MANY_ZEROS = 32
-"""Number of zero results from which a loop clears the results first: many single stores are slow to compile."""
+"""Least number of results that are always zero, at which generated code first clears all results in a loop. Many single
+stores are slow to compile.
+"""
 
 
 def cleared_outputs(program: Program) -> frozenset[int]:

@@ -13,8 +13,8 @@ from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Readable, WholesOut, Writable, larger, smaller
 
 NEGLIGIBLE = 1e-10
-"""Entries below this fraction of the largest entry of their column are rounding, and are not used as pivots. Ratios of
-the ratio test are equal if they differ by less than this.
+"""Smallest pivot, as a fraction of the largest entry of its column. Smaller entries count as rounding errors. Two
+ratios of the ratio test are equal if they differ by less than this number, relative to a ratio above 1.
 """
 
 PIVOTS_PER_ROW = 50
@@ -80,7 +80,7 @@ def lowest(n: int, values: Readable[float]) -> int:
 
 @inline
 def exchange(n: int, tableau: Writable[float], row: int, entering: int) -> None:
-    """Let `row` of a tableau of n rows determine the variable `entering`, whose column becomes a unit vector."""
+    """Pivot a tableau of n rows, so that `row` determines the variable `entering`. Its column becomes a unit vector."""
     width = 2 * n + 2
     pivots = tableau[row * width :]
     pivot = pivots[entering]

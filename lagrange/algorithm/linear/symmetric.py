@@ -44,8 +44,8 @@ may belong to a light body, or be only rounding.
 
 
 INDEFINITE = 2.0
-"""Largest off-diagonal entry, with a diagonal of ones, of a nearly definite matrix. Rows with larger entries are scaled
-by their largest entry.
+"""Largest off-diagonal entry of a row that is scaled so that its diagonal entry is one. A row with a larger entry is
+scaled by this entry instead. A positive definite matrix with ones on its diagonal has no entry above 1.
 """
 
 

@@ -414,7 +414,7 @@ class RunReductions:
 
     @inline
     def accept(self, reduced: Reduced) -> None:
-        """Replace the results by `reduced.tried`, because the sampled step was accepted."""
+        """Add the results of an accepted step, in `reduced.tried`, to the reductions of the run so far."""
         for index in unrolled(self.sampled.size):
             reduced.now[index] = reduced.ahead[index]
         for k, (how, _) in enumerate(self.sampled.reductions):

@@ -445,7 +445,7 @@ class StepMembers(MemberMethod):
         """Search an accepted step for events, and write output states and reductions of expressions on it.
 
         `path` is the dense output, and `index` the number of the member. Return PAUSED if the run continues,
-        ENDED_BY_EVENT if an event ends it, and WATCHED in an irregular case.
+        ENDED_BY_EVENT if an event ends it, and WATCHED if the zeros on the step cannot be resolved.
         """
         run, method_memory = member.run, member.method_memory
         memory: PathMemory = method_memory.path

@@ -67,8 +67,8 @@ times as long.
 """
 
 ORDER_BITS, ORDER_GRID = 53, 1060
-"""Orders are compared at `ORDER_GRID` + 1 tolerances from 1 to 2**-`ORDER_BITS`. The grid is fine enough that each
-order is chosen at several of them.
+"""Grid of tolerances at which the best order of a series is computed: `ORDER_GRID` + 1 tolerances from 1 to
+2**-`ORDER_BITS`. The grid is so fine that each order is chosen at several of them.
 """
 
 
@@ -213,7 +213,8 @@ def order_at(rtol: float, orders: tuple[tuple[float, int], ...]) -> int:
 def begin(of: SeriesFunctions, p: In, order: int, highest: int, layout: TaylorLayout) -> Arguments:
     """Return the arguments of the loop over Taylor steps, with new memory for series up to the order `highest`.
 
-    There are no output times, and no steps are recorded. The records of the run are zero.
+    `of` are the functions of the system, p its parameters with all values that depend only on them, and `order` the
+    order of the series. There are no output times, and no steps are recorded. The records of the run are zero.
     """
     work = reals(layout.size(highest), room=WIDEST_VECTOR)
     floors, states = reals(layout.dimension), reals(layout.dimension)

@@ -135,10 +135,11 @@ class JetBuilder:
 
 
 def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
-    """Return x / k or scale * x / k, rounded once: x * (high + low), where two doubles give 1 / k or scale / k.
+    """Return the vector x divided by an order k, and possibly multiplied by the time scale, rounded once.
 
-    The rounded reciprocal of an order k has an error of the same sign at every step, and these errors would add up.
-    `low` is None if it is negligible.
+    `high` and `low` are two doubles whose sum is 1 / k or scale / k. The result is x * (high + low). The rounded
+    reciprocal alone has an error of the same sign at every step, and these errors would add up. `low` is None if it
+    is negligible.
     """
     if x is None:
         return None
@@ -148,9 +149,10 @@ def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
 def solved(jet: Any, stage_number: int, stage: PackedStage, guesses: Sequence[Term]) -> list[Term]:
     """Return the coefficients of a linear system's unknowns at the present order k, one vector for each chunk.
 
-    They are guesses + M0^-1 (f[k-1] * scale / k - p^[k]), with the matrix M0 at order 0, the forces f, and the
-    momenta p^ computed with the `guesses` as unknowns. `jet` is the builder, `stage` the system and `stage_number`
-    its number.
+    The system is linear in the unknowns. So any trial values `guesses` of them give the exact solution, guesses +
+    M0^-1 (f[k-1] * scale / k - p[k]). M0 is the matrix of the system at order 0. f are the forces. p are the momenta,
+    which are computed with the guesses as unknowns. `jet` is the builder, `stage` the system and `stage_number` its
+    number.
     """
     right = []
     for force, momentum in zip(stage.right, stage.left, strict=True):
@@ -373,7 +375,8 @@ LARGEST_INVERSE = 12
 def by_order_layout(packing: Packing, width: int = 0, **parts: Any) -> TaylorLayout:
     """Return the memory layout of a series computed in a loop over orders, with rows of the length `width`.
 
-    By default (0) a row has space for the state and the event functions only. `parts` are other fields.
+    By default (0) a row has space for the state and the event functions only. `parts` are values of other fields of
+    `TaylorLayout`, by name.
     """
     scratch = sum(system_size(stage.plan, LARGEST_INVERSE) for stage in packing.program.stages)
     return TaylorLayout.of(packing.program, width, scratch=scratch, **parts)
@@ -412,7 +415,7 @@ class ByOrderJet(JetBuilder):
         self.shares = self.scale, self.scale
         self.tile, self.paired = tile, paired
         self.operands: dict[Operand, Term] = {}
-        """Operands that are gathered to vectors at the present order."""
+        """Vector of coefficients of each operand that was already gathered at the present order."""
         self.sums: Mapping[Pair, Term] = {}
         """Sums over lower orders that rules at the present order read, by pair of factors."""
         self.row = self.stored_row = self.previous = self.rows

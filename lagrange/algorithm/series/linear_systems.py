@@ -38,7 +38,7 @@ MOST_INVERSE_COLUMNS = 32
 """Largest size of an inverse in memory whose product with a vector is written out."""
 
 ALL = 1_000_000
-"""Value of `largest` with which all inverses are written out, including sparse ones."""
+"""Value of the parameter `largest` that exceeds every matrix: all inverses are written out, also of sparse matrices."""
 
 
 def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
@@ -83,7 +83,7 @@ def moving_system(
 
 
 def constant_size(plan: SolvePlan) -> int:
-    """Return the number of doubles that the inverse of a constant matrix takes."""
+    """Return the number of doubles in memory for the inverse of a constant matrix; for a diagonal matrix, its size."""
     return plan.size if plan.diagonal else plan.size**2
 
 
@@ -155,7 +155,7 @@ class Inverse:
     def __init__(self, p: Builder, size: int, entries: Triangle) -> None:
         self.p, self.size, self.entries = p, size, entries
         self.columns: dict[tuple[Sequence[int], int], Term] = {}
-        """Vectors of entries of a column, by column and rows."""
+        """Vectors gathered from the inverse so far, by (row indices of the vector's entries, column)."""
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
         """Return the solution for the right-hand side `right`: its product with the inverse."""
@@ -281,9 +281,10 @@ def _write_triangle(p: Builder, n: int, lower: Mapping[tuple[int, int], Real], t
 
 
 def _inverse(p: Builder, n: int, lower: Triangle, negative: tuple[int, ...]) -> tuple[Triangle, Flag]:
-    """Return the inverse of a small symmetric matrix, by index pair, and a flag: true if it is singular.
+    """Return the inverse of a small symmetric n-by-n matrix, by index pair, and a flag: true if it is singular.
 
-    `lower` has the values of its lower triangle, and `negative` the indices of its negative pivots.
+    `lower` has the values of the matrix's lower triangle by index pair. `negative` are the indices of the pivots that
+    are negative in every state, those of multipliers. p builds the procedure.
     """
     plan = elimination(n, frozenset(lower), negative)
     factors, trusted = factored(p, plan, lower)

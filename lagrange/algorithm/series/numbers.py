@@ -84,8 +84,8 @@ class SeriesNumbers:
     def array(self, parameters: FloatArray, table: FloatArray, inverses: Sequence[FloatArray]) -> FloatArray:
         """Return the prepared array: the parameters and the numbers of the series.
 
-        The results of order 0 are left zero. `table` are the constants of the series program, and `inverses`
-        the inverses (n, n) of the constant matrices.
+        `table` are the constants of the series program, and `inverses` the inverses (n, n) of its constant matrices.
+        The entries for results of order 0 are left zero: the procedure of `prepare_start` computes them.
         """
         prepared = np.zeros(self.begin + self.size + INVERSE_MARGIN)
         prepared[: len(parameters)] = parameters
@@ -148,7 +148,7 @@ INVERSE_MARGIN = 8
 """Number of doubles after the end of a constant inverse that vector loads may read."""
 
 ALONE = Style(substituted=1_000_000, systems=1, early=False)
-"""Style in which each system is solved alone and inputs are read at their use."""
+"""Style of generated code in which each linear system is solved alone and inputs are read where they are first used."""
 
 
 class Start(Body):

@@ -62,7 +62,7 @@ class Chunk:
 
     @property
     def divisor(self) -> Operand | None:
-        """The operand by whose value at order 0 the rule divides, or None."""
+        """The operand that is the divisor of the rule; None if it does not divide. Its values at order 0 are used."""
         if self.op in ("div", "against"):
             return self.args[1]
         if self.op in ("inverse", "power"):
@@ -142,7 +142,11 @@ class Packing:
 
     @cached_property
     def families(self) -> dict[Operand, int]:
-        """The number of the family of each factor: factors of one sum, or of sums that share factors."""
+        """The number of the family of each factor of the sums that rules read.
+
+        Two factors are of one family if they occur in the same sum, or if a chain of sums with common factors
+        connects them.
+        """
         families: list[set[Operand]] = []
         for pair in (pair for chunk in self.computed for pair in chunk.sums):
             joined = set(pair).union(*(family for family in families if not family.isdisjoint(pair)))

@@ -491,8 +491,8 @@ class OrderSums:
 class SumsAtUse(OrderSums):
     """Builds the code for sums over lower orders where a rule first reads them, a group at a time.
 
-    `pairs` are in the order of use. One loop computes the sums that are used next, so that totals stay in
-    registers. Each order is summed separately.
+    `pairs` are the pairs of factors of the sums, in the order in which rules read the sums. One loop computes the
+    group of sums that are read next, so that their totals stay in registers. Each order is summed separately.
     """
 
     def __init__(self, p: Builder, pairs: Iterable[Pair], stored: StoredOperands, tile: int) -> None:

@@ -268,22 +268,23 @@ displacement means that the motion changed within the step.
 """
 
 ROUNDED_START, SHORTENINGS = 2.0**-20, 8
-"""`ROUNDED_START`: largest distance of a state from the constraints, relative to its size, at the start of a step, such
-as after an event. The displacement onto the constraints does not decrease with the length of the step. It is accepted
-after the step has been shortened `SHORTENINGS` times.
+"""`ROUNDED_START`: largest distance of a state from the constraints at the start of a step, relative to its size. Such a
+distance may come from an event, and the displacement onto the constraints then does not decrease with the length of the
+step. `SHORTENINGS`: number of times that the step is shortened before this displacement is accepted.
 """
 
 LARGEST_RETRY = 0.95
 """Upper bound of the factor of the step length after a rejection by the error norm."""
 
 LEAST_NORM, LEAST_PREVIOUS = 1e-10, 1e-4
-"""Lower bounds of the error norm, and of the previous error norm. A step without an error does not predict the error of
-the next step.
+"""Lower bounds of the error norm of a step, and of the error norm of the previous step, in step size control. A step
+with nearly no error does not predict the error of the next step.
 """
 
 PI_SHARE = 0.75
-"""PI control: the exponent of the current norm is 1/k - `PI_SHARE` * memory. So the step length still follows the norm
-if the norm changes slowly.
+"""Fraction of the exponent of the previous error norm by which PI control reduces the exponent of the present norm. The
+step length is multiplied by norm**-(1/exponent - `PI_SHARE` * memory) * previous norm**memory, with `exponent` and
+`memory` of the method's `Control`. So the step length still follows a norm that changes slowly.
 """
 
 

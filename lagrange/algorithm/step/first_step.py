@@ -33,13 +33,14 @@ from lagrange.program.step import LAWS
 from lagrange.program.step_size_control import Control
 
 CANCELLATION = 2.0**-12
-"""An acceleration may be rounding of cancelling terms if it is below this fraction of its sensitivity. The sensitivity
-is the change of the acceleration when each entry of the state changes by about its size.
+"""Threshold of an acceleration as a fraction of its sensitivity, below which it may be only the rounding error of terms
+that cancel. The sensitivity is the change of the acceleration when each entry of the state changes by about its size.
 """
 
 CANCELLATION_DOMINANCE = 16.0
-"""Accelerations that may be rounding must not determine the first step. If their squared rate exceeds this multiple of
-the squared rate of the others, the sizes of the entries are estimated.
+"""Largest ratio of two sums of squared rates at the start of a run: that of the accelerations that may be only rounding
+errors, and that of the others. Above it the rounding errors would determine the first step, so the sizes of the
+entries are estimated first.
 """
 
 LEAST_FIRST = 2.0**-44
@@ -48,8 +49,8 @@ step. It is positive because Newton's method has to converge to an error below t
 """
 
 LEAST_SPACINGS = 64.0
-"""The first step is at least this multiple of the shortest step. The first step is only an estimate, and must not end
-the run as too small.
+"""Least length of the first step, as a multiple of the shortest step with which a run may continue at its start time.
+The first step is only an estimate, and must not end the run as too small.
 """
 
 NEEDS_SIZES = -1.0
@@ -99,8 +100,8 @@ class Slopes:
     """Derivatives of the state near the start of a run, in vectors of the step that no trial step has used yet.
 
     `start` is the derivative at the start, `later` the derivative after an Euler step, and `perturbed` the
-    derivative at a slightly perturbed state. `sensitivity` has for each acceleration that may be rounding its
-    sensitivity to the state, and zero for other entries.
+    derivative at a slightly perturbed state. `sensitivity` has the sensitivity to the state of each acceleration that
+    may consist of rounding errors only. Its other entries are zero.
     """
 
     start: Out

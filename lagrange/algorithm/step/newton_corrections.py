@@ -27,7 +27,9 @@ from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Writable, each, fma, larger, smaller, unrolled
 
 MATRIX_AGE = 3
-"""A matrix may be rebuilt after this number of corrections in one step, or after this number of steps."""
+"""Least age at which the matrix of Newton's method may be rebuilt: this number of corrections in one step, or this
+number of steps.
+"""
 
 ROUND_OFF_FRACTION = 2.0**-6
 """Largest error of an unknown after a fixed step, as a fraction of its rounding error. The error has the same sign at
@@ -46,8 +48,8 @@ DIVERGENCE_RATE = 0.9
 """Contraction rate above which a step with error control is shortened."""
 
 RATE_INCREASE, LARGEST_RATE = 1.2, 0.9
-"""A step that converges at once does not measure the contraction rate. The stored rate is then multiplied by
-`RATE_INCREASE` per step, up to `LARGEST_RATE`.
+"""Factor per step, and upper bound, of the stored contraction rate of Newton's method after steps that do not measure
+it. A step does not measure the rate if it converges at once.
 """
 
 LEAST_RATE = 1e-4
@@ -69,13 +71,14 @@ has become singular would not be noticed.
 """
 
 STAGNATION_NORM, STAGNATION_RATE = 2.0**10, 0.5
-"""With a new matrix, corrections count as round-off if their rate exceeds `STAGNATION_RATE` and their norm is below
-`STAGNATION_NORM`. The norm is in units of the estimated round-off.
+"""Bounds by which corrections of Newton's method count as round-off: `STAGNATION_NORM` for their norm, in units of the
+estimated round-off, and `STAGNATION_RATE` for their contraction rate. With a new matrix, corrections are round-off if
+their norm is below the first and their rate is at least the second.
 """
 
 DIVERGENCE_GROWTH = 2.0
-"""Newton's iteration ends if large corrections, with a new matrix, grow by this factor. A further iteration might
-converge to another root.
+"""Growth from one correction to the next at which Newton's iteration with a new matrix ends as diverged. It applies to
+corrections above the level of rounding. A further iteration might converge to another root.
 """
 
 NOISE_DECAY = 0.9
@@ -274,11 +277,11 @@ MOST_CORRECTIONS_ADAPTIVE = 10
 """Largest number of corrections of a step with error control, which can be shortened instead."""
 
 LARGEST_CORRECTION = 1e150
-"""A weighted correction above this counts as not finite."""
+"""Largest norm of a correction, multiplied by the weights of the unknowns, that counts as finite."""
 
 LARGE_CORRECTION = 0.25
-"""If the law is not finite after a correction of more than this fraction of the unknowns, the step has diverged. After
-a smaller correction the motion itself has left the domain of the law.
+"""Threshold of a correction, as a fraction of the unknowns, for the case that the law is not finite after it. After a
+larger correction Newton's method has diverged. After a smaller one the motion itself has left the domain of the law.
 """
 
 LARGEST_DISTANCE = 8.0
@@ -333,12 +336,12 @@ def guess(arguments: Running, t: float, h: float, *, layout: Layout, solve: Solv
 
 @inline
 def weigh_by_tolerance(arguments: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
-    """Write the weight of each unknown: its largest effect on an entry of a state, divided by the tolerance.
+    """Write the weight of each unknown: its largest effect on an entry of a state, divided by the entry's tolerance.
 
-    Corrections are multiplied by the weights in their norm. The states are those at which the step evaluates
-    the law, such as the right-hand side. The size of an entry in its tolerance is at least its slope times the
-    step, for entries that begin at zero. A multiplier has no tolerance: its weight is 0, and its effect on the
-    velocities counts.
+    The norm of a correction multiplies its entries by the weights. The states are those at which the step evaluates
+    the law, such as the right-hand side. The tolerance of an entry is relative to its size. This size counts as at
+    least the slope times the step length, for entries that begin at zero. A multiplier has no tolerance: its own
+    weight is 0, and its effect on the velocities counts.
     """
     step, stated, rtol = layout.step, solve.solve, arguments.run.rtol
     reached = [[stated.reach(i, state) for state in unrolled(step.states)] for i in unrolled(stated.count)]

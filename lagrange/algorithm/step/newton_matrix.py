@@ -1,10 +1,15 @@
-"""The matrix of Newton's method for implicit steps: from the derivative of the right-hand side, and inverted.
+"""Build and invert the matrix of Newton's method for the equations of an implicit step.
 
-The law is the function that the step evaluates, such as the right-hand side.
+The law is the function that the step evaluates, such as the right-hand side. A residual of the equations is a linear
+combination of the unknown vectors z_j and of results of the law. Each call c of the law has a linear combination of the
+z_j as its argument.
 
-For unknowns z_j and the calls c of a solve, the derivative of residual i by unknown j is beta_ij I + g_ij J. J is the
-derivative of the law at one point. g_ij is the sum over c of the factor of c in residual i times the factor of z_j in
-the argument of c. A law of momenta has J in four blocks, each with its own g; a law with constraints in fifteen.
+The derivative of residual i by z_j is the block beta_ij I + g_ij J. beta_ij is the factor of z_j in the residual. J is
+the derivative of the law at one point. g_ij is the sum, over all calls c, of the factor of the result of c in residual
+i, times the factor of z_j in the argument of c.
+
+A law of momenta has two results and two arguments. Its J then has four blocks (result, argument), each with its own
+g_ij. A law with constraints has five results and three arguments, hence fifteen blocks.
 """
 
 from __future__ import annotations
@@ -28,8 +33,9 @@ weight.
 """
 
 INERTIA = {"momentum": (((0, 1),),), "constrained": (((0, 1), (2, 2)), ((4, 1), (4, 2)))}
-"""For laws of momenta: the matrix that must be regular, as rows of blocks (result, argument). It is M = dp/dv, and with
-constraints [[M, G^T], [G, 0]], which has ones on its diagonal for padding multipliers.
+"""Matrix that must not be singular, by the name of a law of momenta. It is stated as rows of blocks (result, argument)
+of the law's derivative. The matrix is M = dp/dv. With constraints it is [[M, G^T], [G, 0]], and multipliers that only
+pad a vector have ones on its diagonal.
 """
 
 
@@ -52,7 +58,7 @@ class MatrixCoefficients:
 
         pairs = [(residual, stated.first + j) for residual in stated.residuals for j in range(stated.count)]
         self.identity = [factor(residual, z) for residual, z in pairs]
-        """Factor beta of each unknown in each residual."""
+        """Factor beta of each unknown vector in each residual, by rows (residual, unknown)."""
 
         blocks = {
             (r, s): [product(residual, r, s, z) for residual, z in pairs]

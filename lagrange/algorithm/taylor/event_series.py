@@ -48,7 +48,7 @@ does not limit. With this ratio roots lose two digits, and runs take a few more 
 """
 
 DOUBT = 64 * 2.0**-52
-"""A coefficient of an event function is zero if it is below this fraction of the sum of all coefficients."""
+"""Largest coefficient of an event function that counts as zero, as a fraction of the sum of all coefficients."""
 
 
 @procedure(noinline=True, function=lambda: FUNCTION, noise=work_type, moved=work_type)
@@ -141,10 +141,10 @@ def shown_radius(c: In, late: int) -> float:
 
 @procedure(noinline=True)
 def is_balanced(c: In, count: int, s: float) -> bool:
-    """Return True if no power above 1 dominates a series on a step.
+    """Return True if no term of power 2 or more dominates the series of a watched function on a step.
 
-    Then the largest term of power 2 or more is at most `BALANCE` times the larger of the terms of power 0 and 1, or
-    both of these are zero. `c` has the `count` coefficients, and s is the length of the step.
+    A term dominates if it is larger than `BALANCE` times the larger of the terms of power 0 and 1. The result is
+    also True if both of these are zero. `c` has the `count` coefficients, and s is the length of the step.
     """
     low = larger(abs(c[0]), abs(c[1]) * s)
     high, power = 0.0, s * s
@@ -190,7 +190,8 @@ def largest_term(c: In, count: int, s: float) -> float:
 
 
 ZERO_ROUND_OFF = 64 * 2.0**-52
-"""Largest value of a function, relative to the sum of its terms, that counts as zero at the zero of another function.
+"""Largest value of a watched function that counts as zero at the zero of another one, as a fraction of the sum of the
+magnitudes of its terms.
 """
 
 
@@ -244,7 +245,7 @@ def comparable_unit(t: float, scale: float) -> float:
 REST, RATES, END, SLOPE, LATE = range(len(TERM_SUMS))
 
 LEAST_COUNT = 3
-"""Least number of coefficients of a series; shorter ones are padded with zeros."""
+"""Least number of coefficients of the series of a watched function. A shorter series is padded with zeros."""
 
 
 @record

@@ -35,7 +35,7 @@ from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, WholesOut, fma, larger, likely, magnitude, smaller, unlikely
 
 LEAST_PART = 2.0**-70
-"""A step shorter than this fraction of the rest of the run makes no progress."""
+"""Shortest step that makes progress in a search for zeros, as a fraction of the rest of the run."""
 
 SEARCH_MARGIN = 1 / 64
 """Least fraction of a step by which the search continues after the first zero that changes the motion."""

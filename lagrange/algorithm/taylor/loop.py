@@ -63,7 +63,9 @@ of the statement.
 """
 
 FIRST_SCALE_RATIO = 1.5
-"""The value of `LARGEST_SCALE_RATIO` for the first step of a run: a factor of 2**1.5."""
+"""Bound in place of `LARGEST_SCALE_RATIO` for the first step of a run. The step and the time scale then differ by less
+than a factor of 2**1.5.
+"""
 
 OVERFLOWED = -45.0
 """Binary logarithm of a step, in units of the time scale, below which a coefficient has overflowed, or nearly so. An
@@ -77,7 +79,7 @@ overflow: no change skips the suitable scales.
 """
 
 SHORTEST_SCALE = 1e-280
-"""The shortest scale of time: a step of 2**-45 of it is still a normal double."""
+"""Smallest size of the time scale, the unit of time of the series. A step of 2**-45 of it is still a normal double."""
 
 MOST_RESCALINGS = 120
 """Largest number of changes of the scale of time for one step. After these changes the coefficients count as infinite.
@@ -207,10 +209,10 @@ def rescale(taylor: TaylorState, exponent: float, reach: float, terminates: bool
 
 @inline
 def change_motion(arguments: Arguments, t: float, watched: Watched, layout: TaylorLayout) -> Outcome:
-    """Apply the reset or surface crossing that is due at time t, if it is regular. Return an outcome.
+    """Apply the reset or surface crossing that is due at time t, if this loop can handle it. Return an outcome.
 
-    PAUSED means that a change was applied, and WATCHED that the caller must handle it. DONE means that nothing was
-    changed, and the step is to be taken.
+    PAUSED means that the change was applied, and WATCHED that the caller must act. DONE means that nothing was
+    changed, and the next step is to be taken.
     """
     watch, result = watched.watch, Outcome.DONE
     if layout.observes:

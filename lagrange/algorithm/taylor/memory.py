@@ -48,8 +48,9 @@ power of time the rows in between are zero.
 """
 
 PROBES, STEP_GROWTH = 32, 2.0
-"""A series that terminates does not bound the next step. If a step exceeds `STEP_GROWTH` times the previous step, its
-defect is tested at `PROBES` points along it.
+"""Test of long steps of series that terminate. `STEP_GROWTH`: ratio of a step to the previous step above which the
+defect is tested along the whole step. `PROBES`: number of parts into which the points of this test divide the step. The
+test is needed because a series that terminates does not bound its step.
 """
 
 EVENT_SLACK = 64.0
@@ -58,8 +59,8 @@ function may contain products.
 """
 
 MOST_SURFACES = 3
-"""Largest number of switching surfaces that the loop crosses itself. The numbers for all combinations of signs are
-stored.
+"""Largest number of switching surfaces that the compiled loop crosses without its caller. The loop stores the prepared
+numbers for each combination of the surfaces' signs, so memory doubles with each surface.
 """
 
 

@@ -81,9 +81,9 @@ order, less `GUARD`.
 """
 
 ZERO, ZERO_BOUND = -900.0, -800.0
-"""Binary logarithms relative to the tolerance. `ZERO` replaces the logarithm of zero, and a coefficient below
-`ZERO_BOUND` is zero. In a suitable scale the last coefficients are within 2**(LARGEST_SCALE_RATIO * order) of the
-tolerance, 2**640 at order 64. So only zeros are below the bound.
+"""Binary logarithms of a coefficient's size divided by its tolerance. `ZERO` replaces the logarithm of zero, and a
+coefficient below `ZERO_BOUND` counts as zero. In a suitable scale the last coefficients are within
+2**(LARGEST_SCALE_RATIO * order) of the tolerance, 2**640 at order 64. So only zeros are below the bound.
 """
 
 LARGEST_STEP_EXPONENT = 900.0
@@ -240,12 +240,12 @@ def lesser(a: float, b: float) -> float:
 
 @inline
 def guarded(sizes: Sequence[float], distance: int, digits: float, order: int) -> float:
-    """Return the step that an earlier row of coefficients allows, with a margin, as a binary logarithm.
+    """Return the bound of the step that an earlier row of Taylor coefficients gives, as a binary logarithm.
 
-    `sizes` are the binary logarithms of the last rows' sizes, by their distance from the last row; `distance` is
-    the distance of the earlier row. `digits` is minus the binary logarithm of the relative tolerance. The margin is
-    `GUARD`. The radius of convergence that this row shows is used at the order of the last row. The bound is
-    infinite for rows below half of the order.
+    The size of the row shows a radius of convergence r. The bound is r tolerance**(1/order), times 2**`GUARD` as a
+    margin. It is infinite for rows below half of the `order`. `sizes` are the binary logarithms of the last rows'
+    sizes, by the distance in orders from the last row, and `distance` is that of the earlier row. `digits` is minus
+    the binary logarithm of the relative tolerance.
     """
     share = minus_one_over(less(order, distance))
     bound = fma(digits, minus_one_over(order) - share, sizes[distance] * share) + GUARD

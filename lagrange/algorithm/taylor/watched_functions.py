@@ -1,7 +1,7 @@
 """Memory of event functions and switching surfaces in a Taylor run, and all arguments of the loop over Taylor steps.
 
 Both kinds are called watched functions. In each row of the series, their coefficients follow those of the state. The
-loop handles regular zeros. For all other zeros the driver returns, with nothing changed.
+loop handles zeros that it can resolve. For all other zeros it returns to its caller, with nothing changed.
 """
 
 from __future__ import annotations
@@ -269,7 +269,10 @@ class WatchedView:
 
     @inline
     def moves(self, index: int) -> bool:
-        """Return True if each counted zero of function number `index` changes the motion: a reset or a surface."""
+        """Return True if zeros of function number `index` change the motion: it is a surface, or an event with a reset.
+
+        Only zeros in the direction of the event count.
+        """
         return self.reset_sizes[index] > 0 or not self.is_event(index)
 
     @inline
@@ -312,9 +315,10 @@ def restore_sides(watched: Watched, layout: Any) -> None:
 class Arguments:
     """The arguments of the loop over Taylor steps and of its parts.
 
-    `jet` computes the series from the arrays `prepared` and `constants`. `run`, `counts`, `taylor`, `held` and
-    `outputs` are the state of the run. `floors` are the absolute tolerances. Accepted states are written to
-    `times` and `rows`, those at the `output_times` to `output_states`.
+    `jet` computes the series from the arrays `prepared` and `constants`. The progress of the run is in five records:
+    `run` (times and step lengths), `counts`, `taylor` (what only Taylor runs need), `held` (the start of the last
+    step) and `outputs` (the output times done so far). `floors` are the absolute tolerances of the state's entries.
+    Accepted times and states are written to `times` and `rows`, the states at the `output_times` to `output_states`.
     """
 
     jet: Callable[..., Any]
