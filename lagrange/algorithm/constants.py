@@ -66,8 +66,8 @@ after that, the solution requires short steps.
 """
 
 FAR_FROM_ZERO = 1e-6
-"""If a step is below this fraction of the time, rounding of the time changes the length of the step by a relative
-1e-10.
+"""Step length, as a fraction of the time, below which rounding of the time changes the length of the step by more than
+a relative 1e-10.
 """
 
 AFTER_DIVERGED, AFTER_BROKEN = 0.5, 0.25

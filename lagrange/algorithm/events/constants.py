@@ -51,7 +51,8 @@ an error of 5e-14 if the state changes by 1 (a pendulum, h = 1).
 """
 
 TAIL = 8.0
-"""The part of a function that its polynomial does not resolve is estimated as this multiple of the last coefficients.
+"""Estimate of the part of an event function that its polynomial on a step does not resolve, as a multiple of the last
+coefficients of the polynomial.
 """
 
 TINY = 64 * 2.0**-1074
@@ -66,7 +67,7 @@ cannot be resolved, and the caller examines the step. Some tens of roots need fe
 """
 
 TOGETHER = 4 * 2.0**-52
-"""Zeros at a distance below this fraction of the time count as simultaneous."""
+"""Distance of two zeros in time below which they count as simultaneous, as a fraction of the time."""
 
 CROSSING = 2
 """Code in place of a direction: zeros count in both directions, but a touch of zero does not count."""
@@ -88,16 +89,18 @@ of the state.
 """
 
 MOST_BETWEEN_REVIEWS = 256
-"""Largest number of steps between two searches for events if an event may change the motion. The steps after such an
-event are discarded.
+"""Largest number of steps between two searches for events if an event may end the run. The steps after such an event
+are discarded.
 """
 
 FIRST_REVIEW = 4
-"""Number of steps before the first search for events if an event resets the state. Later steps are discarded."""
+"""Number of steps before the first search for events if an event resets the state. The number is small, because the
+steps after a reset are discarded.
+"""
 
 RESTART_FACTOR = 2.0
-"""After a reset an adaptive method starts with a step of this many times the interval between the last two resets,
-because successive intervals are similar.
+"""Largest first step after a reset of a method with error control, as a multiple of the interval between the last two
+resets. Successive intervals are similar.
 """
 
 SHORTEST_RESTART = 256 * 2.0**-52

@@ -90,13 +90,13 @@ class EventRun:
     """1 if row 0 is the state before row 1, without a reset or another change of the motion between them."""
 
     outcome: int
-    """`Outcome` with which the driver returned after these steps."""
+    """`Outcome` with which the driver returned after the steps that are not yet searched for events."""
 
     rows: int
     """Number of rows of times and states that were written before the steps not yet searched for events."""
 
     proven: int
-    """Number of zeros that were written on steps before these."""
+    """Number of zeros that were written on steps before those that are not yet searched."""
 
     budget: int
     """Number of steps that the caller allows in this call."""
@@ -360,9 +360,9 @@ def event_steps(loop: EventLoop) -> int:
     """Take steps of a run and search them for events, until the run ends or the caller must handle an event.
 
     Return an `Outcome`; or `NEEDS_REVIEW` if zeros on the steps cannot be resolved, so that the caller must search
-    them; or `READ_EVENTS` if an array is full. `Outcome.WATCHED` means that the caller must change the motion at the present
-    state. A further call with the same `loop` continues from there. Steps that the caller has searched in the
-    meantime are not searched again.
+    them; or `READ_EVENTS` if an array is full. `Outcome.WATCHED` means that the caller must change the
+    motion at the present state. A further call with the same `loop` continues from there. Steps that the caller has
+    searched in the meantime are not searched again.
     """
     run, search, pending = loop.pending.event_run, loop.watch.review, loop.pending
     code = GO_ON
@@ -472,8 +472,8 @@ def reset(loop: EventLoop) -> bool:
 def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float) -> bool:
     """Return True if an event function passes zero at time t, and the mass matrix is regular at this time.
 
-    Otherwise its reset is irregular: on a long step the dense output may reach zero although the velocity there leads
-    away from zero. So the function is compared at two states, a little before and after the present state of the run
+    Otherwise the caller must handle its reset: on a long step the dense output may reach zero although the velocity
+    there leads away from zero. So the function is compared at two states, a little before and after the present state of the run
     along its derivative. `event` is its index, and `before` its value at the present state. The mass matrix is tested
     at the present state and at the state `after` the reset.
     """

@@ -175,7 +175,9 @@ SLOPE_AT = 0.5 - 12**-0.5
 """Fraction of the step at which s**2 (1 - s)**2 has its largest slope."""
 
 MISSED = 1 / 16 / (2 * SLOPE_AT * (1 - SLOPE_AT) * (1 - 2 * SLOPE_AT))
-"""Largest value of s**2 (1 - s)**2, divided by its largest slope. It converts an error of slopes to one of states."""
+"""Largest value of s**2 (1 - s)**2 on [0, 1], divided by its largest slope. The error of a cubic has this form, so this
+factor converts the error of its slope to the error of its states.
+"""
 
 SAFELY = 4.0
 """Safety factor of the estimated error of a cubic, in addition to the factor of four for all noise."""

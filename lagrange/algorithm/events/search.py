@@ -177,8 +177,8 @@ class ZeroSearch:
 
         Return True if the caller must decide what such a zero means. This is the case for an event with a reset, unless
         that reset led to the zero. `step` is the number of the step; only the first step after a start or a reset has
-        such functions. A function with a known sign is not recorded: its search
-        continues with this sign, as from one step to the next.
+        such functions. A function with a known sign is not recorded: its search continues with this sign, as from one
+        step to the next.
         """
         watch, lines, columns = self.watch, self.lines, self.samples.columns
         starts = watch.review.starts != 0 and step == watch.review.begin
@@ -441,8 +441,8 @@ QUEUE = 256
 def review(samples: Samples, watch: ReviewedEvents) -> int:
     """Search the steps of a run for events. Return `ENDED` after all steps, or the code of an earlier end.
 
-    The codes are `CHANGED` if the motion changes on a step, `IRREGULAR`, and `CROWDED` if the arrays for zeros are
-    full. The run has times (S+1,) and states (S+1, 2n) in `samples`. The event, the time and the state of each zero
+    The codes are `CHANGED` if the motion changes on a step, `IRREGULAR` if zeros cannot be resolved, and `CROWDED` if
+    the arrays for zeros are full. The run has times (S+1,) and states (S+1, 2n) in `samples`. The event, the time and the state of each zero
     that counts are written to `watch`. If a zero that changes the motion ended the search, it is written after them
     and not counted.
     """

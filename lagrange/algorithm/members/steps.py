@@ -150,8 +150,8 @@ def review_step(
 ) -> int:
     """Find the zeros of event functions on a step up to time `end`. Return the code of the end of the search.
 
-    The code is ENDED after the whole step, CHANGED if an event ends the run, or IRREGULAR. The zeros are written to
-    `watch`. `step` has the data of the step as in `BlockSteps`. `numbers` are the parameters and all values that
+    The code is ENDED after the whole step, CHANGED if an event ends the run, or IRREGULAR if the zeros cannot be
+    resolved. The zeros are written to `watch`. `step` has the data of the step as in `BlockSteps`. `numbers` are the parameters and all values that
     depend only on them, and `table` has the coefficients of the dense output. `factors` are near 1 and perturb the
     entries of a state, to estimate rounding errors.
     """

@@ -56,8 +56,8 @@ estimates the sizes at its second, fourth, eighth, ... rejection.
 """
 
 ROUNDED = 2.0**-46
-"""An entry may be rounding noise if its tolerance is below this fraction (128 units of rounding) of the largest entry
-of its kind, coordinate or velocity. `rounding_noise` then decides this.
+"""Tolerance of an entry of the state below which the entry may be only rounding noise, as a fraction (128 units of
+rounding) of the largest entry of its kind, coordinate or velocity. `rounding_noise` then decides if it is.
 """
 
 DAMPING = 0.01
@@ -175,8 +175,8 @@ def raise_floors(share: float, floors: Out, work: In, layout: Layout) -> None:
 
 
 SHORTEST_LAST_STEP = 1e-6
-"""A last step below this fraction of the step length is due to rounding of the grid of times. Such a step is merged
-with the previous step.
+"""Least length of the last of several fixed steps, as a fraction of the step length. A shorter last step comes only from
+rounding of the grid of times, and is merged with the previous step.
 """
 
 UNROLLED_TEST = 2
@@ -268,8 +268,8 @@ displacement means that the motion changed within the step.
 """
 
 ROUNDED_START, SHORTENINGS = 2.0**-20, 8
-"""`ROUNDED_START`: largest distance of a state from the constraints at the start of a step, relative to its size. Such a
-distance may come from an event, and the displacement onto the constraints then does not decrease with the length of the
+"""`ROUNDED_START`: largest distance of a state from the constraints at the start of a step, relative to its size. Such
+a distance may come from an event. The displacement onto the constraints then does not decrease with the length of the
 step. `SHORTENINGS`: number of times that the step is shortened before this displacement is accepted.
 """
 

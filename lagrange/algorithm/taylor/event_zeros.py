@@ -35,7 +35,7 @@ from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, WholesOut, fma, larger, likely, magnitude, smaller, unlikely
 
 LEAST_PART = 2.0**-70
-"""Shortest step that makes progress in a search for zeros, as a fraction of the rest of the run."""
+"""Lower bound of the length of a step that makes progress, as a fraction of the rest of the run."""
 
 SEARCH_MARGIN = 1 / 64
 """Least fraction of a step by which the search continues after the first zero that changes the motion."""
@@ -148,7 +148,7 @@ zeros.
 """
 
 MOST_BALANCING = 200
-"""Largest number of halvings of a step until the low powers of watched functions dominate."""
+"""Largest number of halvings of a step until no term of power 2 or more dominates the series of a watched function."""
 
 GO_ON, LEAVE, WAIT = range(3)
 """Decisions: take the step, leave the step to the caller, or return because the memory for events is full."""
