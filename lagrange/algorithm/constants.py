@@ -45,11 +45,11 @@ def whole_blocks(count: int, block: int) -> int:
 
 
 STRETCH_TO_END = 1.01
-"""A step that reaches the end of the run within one percent is stretched to the end."""
+"""Largest factor by which the last step of a run is stretched to reach the end of the run."""
 
 SPACING, EARLIEST = 16 * 2.0**-52, 1e-290
-"""The shortest step as a fraction of the time: a shorter one is lost in the rounding of the time. `EARLIEST` replaces a
-time that is closer to zero, where no step is lost.
+"""`SPACING`: length of the shortest step, as a fraction of the time. A shorter step is lost in the rounding of the
+time. `EARLIEST`: smallest time for this fraction. It replaces times closer to zero, where no step is lost.
 """
 
 LEAST_FLOOR = 1e-307

@@ -309,8 +309,8 @@ def runge_kutta(block: PolynomialBlock) -> None:
 
 
 HALF = 2**0.5
-"""Significand above which a step length is rounded up to a power of two, and else down. The step length is m * 2**e with
-a significand m from 1 to 2. So its ratio to the power of two is within a factor of sqrt(2).
+"""Significand above which a step length is rounded up to a power of two, and else down. The step length is m * 2**e
+with a significand m from 1 to 2. So its ratio to the power of two is within a factor of sqrt(2).
 """
 
 

@@ -81,10 +81,10 @@ class EventRun:
     """Record of a run with events: the steps not yet searched for events, and the last change of the motion."""
 
     count: int
-    """Number of steps to be reviewed. Step i leads from row i to the next row."""
+    """Number of steps to be searched for events. Step i leads from row i to the next row."""
 
     begin: int
-    """Index of the first step to review, from 1 on."""
+    """Number of the first step to search for events, from 1 on."""
 
     before: int
     """1 if row 0 is the state before row 1, without a reset or another change of the motion between them."""
@@ -105,10 +105,10 @@ class EventRun:
     """Number of steps that are left of `budget`."""
 
     longest: int
-    """Largest number of steps before a review."""
+    """Largest number of steps between two searches for events."""
 
     ahead: int
-    """Number of steps before the next review."""
+    """Number of steps to take before the next search for events."""
 
     since: int
     """Number of steps since the start of the run or the last change of the motion, such as a reset."""
@@ -386,9 +386,9 @@ def event_steps(loop: EventLoop) -> int:
 def review_steps(loop: EventLoop) -> int:
     """Search the pending steps for events. Return the code of `search` for the end of the search.
 
-    The code is `ENDED` if all steps were searched, `CHANGED` if the motion changes on a step, `CROWDED` if the
-    arrays have no space for more events, else `IRREGULAR`. `event_run.begin` is the number of the first step to
-    search. It becomes the number of the step at which the search ended.
+    The code is `ENDED` if all steps were searched, `CHANGED` if the motion changes on a step, `CROWDED` if the arrays
+    have no space for more events, and `IRREGULAR` if the zeros on a step cannot be resolved. `event_run.begin` is the
+    number of the first step to search. It becomes the number of the step at which the search ended.
     """
     pending, search = loop.pending, loop.watch.review
     run, shift = pending.event_run, 1 - pending.event_run.before
@@ -473,9 +473,9 @@ def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float)
     """Return True if an event function passes zero at time t, and the mass matrix is regular at this time.
 
     Otherwise the caller must handle its reset: on a long step the dense output may reach zero although the velocity
-    there leads away from zero. So the function is compared at two states, a little before and after the present state of the run
-    along its derivative. `event` is its index, and `before` its value at the present state. The mass matrix is tested
-    at the present state and at the state `after` the reset.
+    there leads away from zero. So the function is compared at two states, a little before and after the present
+    state of the run along its derivative. `event` is its index, and `before` its value at the present state. The mass
+    matrix is tested at the present state and at the state `after` the reset.
     """
     pending, samples, n = loop.pending, loop.path(0, 0), loop.pending.dimension
     run, y = pending.event_run, pending.y

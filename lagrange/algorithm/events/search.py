@@ -442,9 +442,9 @@ def review(samples: Samples, watch: ReviewedEvents) -> int:
     """Search the steps of a run for events. Return `ENDED` after all steps, or the code of an earlier end.
 
     The codes are `CHANGED` if the motion changes on a step, `IRREGULAR` if zeros cannot be resolved, and `CROWDED` if
-    the arrays for zeros are full. The run has times (S+1,) and states (S+1, 2n) in `samples`. The event, the time and the state of each zero
-    that counts are written to `watch`. If a zero that changes the motion ended the search, it is written after them
-    and not counted.
+    the arrays for zeros are full. The run has times (S+1,) and states (S+1, 2n) in `samples`. The event, the time and
+    the state of each zero that counts are written to `watch`. If a zero that changes the motion ended the search, it is
+    written after them and not counted.
     """
     lines, end, reached = samples.lines(), watch.review.end, watch.review.begin
     queue, step_numbers = wholes(QUEUE), wholes(WIDEST_VECTOR)

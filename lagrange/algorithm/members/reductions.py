@@ -193,8 +193,8 @@ fields of `ExpressionOnStep`, without the callback itself.
 """
 
 RESOLUTION = 2.0**-27
-"""Distance of points in the search for a maximum, as a fraction of the step. The value at the maximum is then exact to
-round-off.
+"""Least distance of two points in the search for a maximum, as a fraction of the step. The value at the maximum is then
+exact to round-off.
 """
 
 MOST_EVALUATIONS = 60

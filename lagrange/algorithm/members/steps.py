@@ -151,9 +151,9 @@ def review_step(
     """Find the zeros of event functions on a step up to time `end`. Return the code of the end of the search.
 
     The code is ENDED after the whole step, CHANGED if an event ends the run, or IRREGULAR if the zeros cannot be
-    resolved. The zeros are written to `watch`. `step` has the data of the step as in `BlockSteps`. `numbers` are the parameters and all values that
-    depend only on them, and `table` has the coefficients of the dense output. `factors` are near 1 and perturb the
-    entries of a state, to estimate rounding errors.
+    resolved. The zeros are written to `watch`. `step` has the data of the step as in `BlockSteps`. `numbers` are the
+    parameters and all values that depend only on them, and `table` has the coefficients of the dense output.
+    `factors` are near 1 and perturb the entries of a state, to estimate rounding errors.
     """
     n, events, dense = functions.dimension, functions.events.count, functions.dense
     degree, path = dense.kind.degree, MemberStepPath.of(dense.kind, dense.column, n, "review_")
@@ -281,9 +281,9 @@ class StepEventSearch:
     ) -> tuple[int, float, float]:
         """Search a step for events up to time `end`. Return an outcome, and the time and fraction of the step's end.
 
-        The outcome is PAUSED if the run continues, ENDED_BY_EVENT if an event ends it, and WATCHED in an irregular
-        case. If an event ends the run, the time and the fraction are those of the event, whose state is in
-        `memory.there`. `index` is the number of the member.
+        The outcome is PAUSED if the run continues, ENDED_BY_EVENT if an event ends it, and WATCHED if the zeros on the
+        step cannot be resolved. If an event ends the run, the time and the fraction are those of the event, whose state
+        is in `memory.there`. `index` is the number of the member.
         """
         watch, steps, watched = memory.watch, member.counts.steps, job.watched
         review = watch.review

@@ -34,7 +34,7 @@ class SeriesNumbers:
         unknown = [index for index, number in enumerate(program.numbers) if number is None]
         self.places = {index: k for k, index in enumerate(unknown)}
         self.slots: dict[int, int] = {}
-        """Index in the prepared array of each hoisted result of order 0."""
+        """Index in the prepared array of each result of order 0 that needs no state, by index of its instruction."""
         end = begin + len(unknown)
         for ref in program.start.saved:
             self.slots[ref] = end

@@ -27,10 +27,10 @@ class Cost:
 
 
 COST_MARGIN = 1.07
-"""The lowest order whose cost is within this factor of the least cost is chosen. Costs hardly depend on the order
-there. Lower orders compile sooner, stay farther from the radius of convergence and have less rounding. At a tolerance
-of 1e-13 six scenes, from the pendulum to sun, earth and moon, run in 0.74 to 1.04 of the time of the order of least
-cost, and compile in 0.58 to 0.77 of its time.
+"""Largest ratio of the cost of the chosen order to the least cost of all orders. The lowest order within this ratio is
+chosen. Costs hardly depend on the order there. Lower orders compile sooner, stay farther from the radius of convergence
+and have less rounding. At a tolerance of 1e-13 six scenes, from the pendulum to sun, earth and moon, run in 0.74 to
+1.04 of the time of the order of least cost, and compile in 0.58 to 0.77 of its time.
 """
 
 

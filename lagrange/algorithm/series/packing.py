@@ -137,7 +137,9 @@ class Packing:
 
     @property
     def parts(self) -> tuple[tuple[Chunk, ...], ...]:
-        """The chunks that rules compute before the linear systems, then for each system before and after it."""
+        """The chunks that rules compute: those before all linear systems, then for each system those computed before it
+        is solved, and those computed after it.
+        """
         return (self.before, *(part for stage in self.stages for part in (stage.trial, stage.found)))
 
     @cached_property

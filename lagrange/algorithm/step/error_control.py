@@ -175,8 +175,8 @@ def raise_floors(share: float, floors: Out, work: In, layout: Layout) -> None:
 
 
 SHORTEST_LAST_STEP = 1e-6
-"""Least length of the last of several fixed steps, as a fraction of the step length. A shorter last step comes only from
-rounding of the grid of times, and is merged with the previous step.
+"""Least length of the last of several fixed steps, as a fraction of the step length. A shorter last step comes only
+from rounding of the grid of times, and is merged with the previous step.
 """
 
 UNROLLED_TEST = 2

@@ -116,7 +116,9 @@ class Layout:
         self.argument = (self.errors + len(step.errors)) * self.width
         self.result = self.argument + max(2 * dimension, self.columns) + 2 * block
         self.flags = whole_blocks(self.result + max(2 * dimension, self.rows) + 2 * block, block)
-        """Index of two flags of the driver: the state one step before is known; the trial step provides it."""
+        """Offset of two flags of two-step methods. The first is true if the state one step before is known, the second
+        if the trial step provides it.
+        """
         self.effort = self.flags + 2
         end = whole_blocks(self.effort + len(EFFORT.fields), block)
         self.solves: list[SolveLayout] = []
@@ -127,7 +129,7 @@ class Layout:
         self.lost = end
         """Offset of the rounding error of each state vector, followed by those of the trial step."""
         self.end = end + (2 * step.states * self.width if step.exact else 0)
-        """Offset of the vectors of the starter, if there is one."""
+        """Offset of the vectors of the step that starts a two-step method, if there is one."""
         self.starting: Layout = self
         self.size = self.end
         if step.starter is not None:

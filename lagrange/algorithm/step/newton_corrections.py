@@ -82,7 +82,7 @@ corrections above the level of rounding. A further iteration might converge to a
 """
 
 NOISE_DECAY = 0.9
-"""Factor per step by which the stored size of corrections at rounding level decreases, so that it follows the motion."""
+"""Factor per step by which the stored size of corrections at rounding level decreases."""
 
 
 @procedure
