@@ -45,9 +45,10 @@ ROOM = WorkSize(*(sum(counts) for counts in zip(JOINED, SPARE, INCREMENTS, stric
 def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> StepPolynomial:
     """Return the dense output of the collocation method with matrix A (s, s) and points c (s,), the last of them 1.
 
-    Its table has: c; A; the inverse of A; the derivative of each Lagrange polynomial of 0 and the points, by powers;
-    the polynomial that is zero at the points; and, by powers of theta, the contribution to the path of each stage and
-    of the integral of that polynomial.
+    Its table has six parts, one after the other. They are c, A, and the inverse of A; the derivatives of the Lagrange
+    polynomials of the points, with 0 as a further node; the polynomial that is zero at the points; and the contribution
+    of each stage, and of the integral of that polynomial, to the path. Polynomials are stored by powers of theta, the
+    fraction of the step.
     """
     points, s = np.array(c), len(c)
     zero = Polynomial.fromroots(points)

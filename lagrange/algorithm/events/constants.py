@@ -56,7 +56,7 @@ coefficients of the polynomial.
 """
 
 TINY = 64 * 2.0**-1074
-"""Smallest size that differs from zero: 64 spacings of the smallest doubles."""
+"""Least error of a computed value, by underflow: 64 times the smallest positive double."""
 
 LARGEST_NOISE = 1e-8
 """Largest size of the last coefficients, as a fraction of the function, that may count as noise."""

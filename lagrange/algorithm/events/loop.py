@@ -55,9 +55,10 @@ must search it. READ_EVENTS: the array of events or of changes of the motion is 
 """
 
 RESET_AT, RESET_SIZE, UNTIL_END, SETTINGS = range(4)
-"""Blocks of `settings`, with one entry for each event: the index of its first reset result; the number of its reset
-results; the number of occurrences after which it ends the run, 0 for never. From block `SETTINGS` on: the indices of
-the entries of the state that are reset.
+"""Indices of the blocks of `settings`, each with one entry for each event. RESET_AT: index of the event's first result
+among the results of all resets. RESET_SIZE: number of its results among these. UNTIL_END: number of occurrences after
+which it ends the run, 0 for never. SETTINGS: number of these blocks; after them come the indices of the entries of the
+state that are reset.
 """
 
 NUMBERS, COUNTED = len(RUN.fields), len(COUNTS.fields)

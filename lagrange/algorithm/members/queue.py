@@ -405,9 +405,10 @@ def end_member(job: MemberJob, member: Member, index: int, outcome: int, method:
 
 @inline
 def explained(outcome: int, run: Run, counts: Counts) -> int:
-    """Return the outcome of a run. If failed trial steps made its steps too small, return their outcome.
+    """Return the reason for the end of a run, by the outcome of its last step.
 
-    This is NON_FINITE or SINGULAR.
+    The reason is NON_FINITE or SINGULAR if the step became too small because of trial steps with this outcome.
+    Otherwise it is the given `outcome`.
     """
     is_stuck = outcome == Outcome.STEP_TOO_SMALL and counts.after_reject > 0
     for cause in (Outcome.NON_FINITE, Outcome.SINGULAR):

@@ -87,7 +87,7 @@ class JetBuilder:
         self.joined: dict[tuple[int, ...], Term] = {}
         """Coefficients joined to vectors, by their indices in the table."""
         self.reciprocals: dict[Operand, Term] = {}
-        """Reciprocals of the divisors at order 0."""
+        """Reciprocals of the values at order 0, by operand that is the divisor of a rule."""
         style = ALONE if self.packing.lanes > 1 else SOURCE
         start = Start(p, self.numbers, self.prepared, self.constants, self.t, self.y, self.layout.padded, style)
         start.run_moving(ANGLES_AT_ONCE if self.packing.lanes > 1 else 1)
@@ -541,7 +541,7 @@ class ByOrderJet(JetBuilder):
         """Write coefficients of the state and of the event functions to a row of memory.
 
         `x` is a function that returns the coefficients of an operand: `at_zero` for the row of order 0, or `now` for
-        the row of the present order. Parts of the state that are stored as operands are left out.
+        the row of the present order. Parts of the state that this row already has, as stored operands, are left out.
         """
         begin, row = 0, self.rows if x == self.at_zero else self.row
         for chunk in self.packing.state:

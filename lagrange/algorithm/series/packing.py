@@ -74,9 +74,10 @@ class Chunk:
 class PackedStage:
     """A linear system A x[k] = right[k-1] / k - left[k] for unknowns x at order k, packed into chunks.
 
-    `unknowns` are the chunks of unknowns. The chunks `trial` are computed with trial values of the unknowns,
-    and `found` after the solution. `left` and `right` have an operand for each chunk of unknowns, or None if
-    all entries are zero. `system` is the linear system before packing.
+    `unknowns` are the chunks of unknowns. The chunks `trial`, on which `left` depends, are computed with trial
+    values of the unknowns. The chunks `found` are computed after the solution, from the unknowns. `left` and `right`
+    have an operand for each chunk of unknowns, or None if all entries are zero. `system` is the linear system before
+    packing.
     """
 
     unknowns: tuple[Chunk, ...]
@@ -137,9 +138,7 @@ class Packing:
 
     @property
     def parts(self) -> tuple[tuple[Chunk, ...], ...]:
-        """The chunks that rules compute: those before all linear systems, then for each system those computed before it
-        is solved, and those computed after it.
-        """
+        """The chunks that rules compute before all linear systems, then those before and after the solution of each."""
         return (self.before, *(part for stage in self.stages for part in (stage.trial, stage.found)))
 
     @cached_property

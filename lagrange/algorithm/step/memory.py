@@ -56,7 +56,7 @@ class Newton:
     tried_step      Length of the trial step.
     old_step        Length of the previous step.
     known           Number of previous steps from which the unknowns can be extrapolated.
-    order           Number of previous steps from which the unknowns are extrapolated.
+    order           Number of these steps from which the next guess is extrapolated, one of `ORDERS`.
     """
 
     matrix_step: float
@@ -127,7 +127,7 @@ class Layout:
             self.solves.append(SolveLayout(self, end, i, solve, damped))
             end = self.solves[-1].end
         self.lost = end
-        """Offset of the rounding error of each state vector, followed by those of the trial step."""
+        """Offset of the rounding errors of the state vectors before the trial step; those after it follow."""
         self.end = end + (2 * step.states * self.width if step.exact else 0)
         """Offset of the vectors of the step that starts a two-step method, if there is one."""
         self.starting: Layout = self

@@ -62,16 +62,18 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 START_ROWS = 4
-"""Number of orders, from 1 on, whose coefficients give the size of an entry that is zero at the start of a run. The
-fourth derivative includes one coupling between coordinates. Entries whose series begin later have no estimate.
+"""Number of orders, from 1 on, whose Taylor coefficients give the size of an entry of the state that is zero at the
+start of a run. The fourth derivative includes one coupling between coordinates. An entry has no estimate if all these
+coefficients are zero.
 """
 
 ROWS_USED = 6
 GUARD = 0.25
-"""Margin, in binary digits, by which a step may exceed the bound by earlier rows. The last two rows determine the step.
-The `ROWS_USED - 2` rows before them give a second bound: from rest every other coefficient is zero, and the last
-nonzero one may be small by chance. Row k of a series of radius r gives the step r tolerance**(1/k). The margin is
-needed because the rows of an entire function decrease faster and faster.
+"""`ROWS_USED`: number of last rows of a series that bound the step. `GUARD`: margin, in binary digits, by which a step
+may exceed the bound by the earlier of these rows. The last two rows determine the step. The rows before them give a
+second bound: from rest every other coefficient is zero, and the last nonzero one may be small by chance. Row k of a
+series of radius r gives the step r tolerance**(1/k). The margin is needed because the rows of an entire function
+decrease faster and faster.
 
 Rows below half of the order are not used. If a velocity is zero, its tolerance is relative to its first coefficient,
 and such a row gives the unit of time, which follows the step. At order 4 and a tolerance of 1e-12 no step would be long
@@ -93,9 +95,9 @@ beyond the range of doubles.
 
 LOG2 = (-1.6531240060861732, 1.9941811995403236, -0.33474901889029146)
 EXP2 = (1.0, 0.703601177393781, 0.24203533019053836)
-"""Coefficients of polynomials for the binary logarithm on [1, 2], accurate to 0.007, and the power of two on [-1/2,
-1/2], accurate to 0.002. A step size needs only two digits, and the C library's functions would take a tenth of a small
-step.
+"""Coefficients of two polynomials, lowest power first. `LOG2` approximates the binary logarithm on [1, 2], accurate to
+0.007. `EXP2` approximates the power of two on [-1/2, 1/2], accurate to 0.002. A step size needs only two digits, and
+the C library's functions would take a tenth of the time of a small step.
 """
 
 
@@ -112,7 +114,7 @@ def logarithm(x: float) -> float:
 
 @procedure
 def power(x: float) -> tuple[float, float]:
-    """Return 2**x to two digits, and x rounded to an integer, both for x up to `LARGEST_STEP_EXPONENT`."""
+    """Return 2**x to two digits, and x rounded to an integer, with at most `LARGEST_STEP_EXPONENT` in place of x."""
     rounded = nearest(x)
     fraction = polynomial(x - rounded, EXP2)
     bounded = smaller(rounded, LARGEST_STEP_EXPONENT)

@@ -103,16 +103,27 @@ TERM_SUMS = ("rest", "rates", "end", "slope", "late")
 """
 
 SIDES = {"signs": 1, "near_flags": 1, "starting": 1, "event_counts": 1}
-"""Parts of the array `sides`: the sign of each watched function before the present step, as in `roots`; 1 if the
-function has been near zero since it had this sign; 1 if it starts at zero; and the number of its events. The same parts
-before the unproven step follow, named `kept_signs` and so on.
+"""Parts of the array `sides`, with the number of entries for each watched function.
+
+signs         Last sign of the function beyond its noise, before the present step: 1, -1, or 0 for unknown.
+near_flags    1 if the function has been near zero since it had this sign.
+starting      1 if the function starts at zero.
+event_counts  Number of its events so far.
+
+The same parts before the unproven step follow, named `kept_signs` and so on.
 """
 
 SETTINGS = {"directions": 1, "terminals": 1, "resets_at": 1, "reset_sizes": 1, "roots": 1, "smooth": 1}
-"""Parts of the array `settings`: the direction of zeros that count; the number of events after which the run ends, or
-0; the index of the function's first result among the results of all resets; the number of these results; 1 for a square
-root; 1 for an event function without jumps. The part `reset_entries` follows: the indices of the entries of the state
-that are reset.
+"""Parts of the array `settings`, with the number of entries for each watched function.
+
+directions   Direction of the zeros that count.
+terminals    Number of events after which the run ends; 0 for never.
+resets_at    Index of the function's first result among the results of all resets.
+reset_sizes  Number of the function's results among these; 0 without a reset.
+roots        1 for a square root.
+smooth       1 for an event function without jumps.
+
+The part `reset_entries` follows: the index of the state's entry that each result of a reset replaces.
 """
 
 REALS = {
@@ -162,7 +173,9 @@ PARTS = {
     **_begins("scratch", REALS),
     **_begins("whole_scratch", WHOLES),
 }
-"""For each part of an array of `Watched`: the name of the array, and the entries before it per watched function."""
+"""Array and begin of each named part of the arrays of `Watched`. The begin is the number of entries of all parts before
+it, for one watched function.
+"""
 
 
 def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
