@@ -158,7 +158,7 @@ class SignState:
     """Value of the function at `near_at`, times the last sign."""
 
     counted: int
-    """1 while the function is within its noise since the start of the step, at a root that the previous step reported."""
+    """1 while the function is at a root at the start of the step, which the previous step has reported; else 0."""
 
 
 @dataclass(frozen=True)

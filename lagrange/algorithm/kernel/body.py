@@ -180,12 +180,15 @@ class Body:
         self.places = {
             instruction: ref for ref, instruction in enumerate(program.instructions) if instruction.op in ANGLES
         }
-        """Numbers of the instructions that compute a sine or a cosine, by instruction."""
+        """Index in the program of each instruction that computes a sine or a cosine, by instruction."""
         self.vectors: dict[int, list[Real]] = {}
         self.later: dict[int, list[tuple[Memory, int]]] = {}
         """Memory and index of each entry of a solution, by solve instruction. Entries are read where they are used."""
         self.rows: dict[int, Memory] = {}
-        """Right-hand sides in adjacent columns of memory, by the first solve of their group."""
+        """Memory for the right-hand sides of a group of systems that are solved together, one in each column.
+
+        The key is the index of the group's first solve instruction.
+        """
         self.factors: dict[int, FactoredMatrix] = {}
         self.tested: dict[int, None] = {}
         """Factor instructions whose pivots the code has already tested, if the style has no pivoting."""

@@ -164,7 +164,7 @@ def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
 
 
 def array_of(name: str) -> Callable[[Procedure], Any]:
-    """Return a function that takes a procedure and returns the type of its parameter `name`."""
+    """Return a function that takes a procedure and returns the type of its parameter `name`, for `@procedure(...)`."""
     return lambda formulas: next(parameter.type for parameter in formulas.parameters if parameter.name == name)
 
 

@@ -298,7 +298,9 @@ step.
 """
 
 RISE = 2.0**-50
-"""A maximum is searched for if it may exceed the largest value so far by more than this fraction (round-off)."""
+"""Round-off of an expression's values, as a fraction of the largest value so far. A maximum is searched for if it may
+exceed that value by more.
+"""
 
 END_SLOPE_AT = 2.0**-20
 """Fraction of the step at which the slope of an expression at an end of the step is tested."""
@@ -414,7 +416,7 @@ class RunReductions:
 
     @inline
     def accept(self, reduced: Reduced) -> None:
-        """Add the results of an accepted step, in `reduced.tried`, to the reductions of the run so far."""
+        """Include the results of an accepted step, in `reduced.tried`, in the reductions of the run so far."""
         for index in unrolled(self.sampled.size):
             reduced.now[index] = reduced.ahead[index]
         for k, (how, _) in enumerate(self.sampled.reductions):

@@ -196,7 +196,7 @@ class WrittenJet(JetBuilder):
         super().__init__(packing, numbers, layout, largest)
         self.lowest, self.highest, self.k = lowest, highest, 0
         self.orders: list[dict[Chunk, Term]] = [{}]
-        """The coefficients of chunks at each order from 1 on."""
+        """The coefficients of chunks by order. The entry of order 0 is empty, because `origin` has these values."""
         self.operands: dict[tuple[Operand, int], Term] = {}
         self.totals: dict[tuple[Chunk, int, int], Term] = {}
         self.shares: dict[tuple[float, int], Term] = {}
@@ -350,7 +350,10 @@ class WrittenJet(JetBuilder):
         return fma(p, middle, middle, total) if k % 2 == 0 else total
 
     def products(self, a: Operand, b: Operand, pairs: Sequence[int]) -> Term:
-        """Return the sum of a[j] * b[k-j] over the orders j in `pairs`, as partial sums of `PART` products."""
+        """Return the sum of a[j] * b[k-j] over the orders j in `pairs`, at the present order k.
+
+        It is added up in partial sums of about `PART` products. a and b are operands, vectors of series values.
+        """
         k, p = self.k, self.p
         parts: list[Term] = [None] * max(len(pairs) // PART, 1)
         early = len(pairs) - LATEST
@@ -466,7 +469,8 @@ class ByOrderJet(JetBuilder):
     def each_order(self) -> Iterator[Whole]:
         """Add a loop over the orders from 1 on. The body of the `with` statement adds the code of one order.
 
-        With a mass matrix that depends on the state there is an iteration 0 as well: order 1 is computed twice.
+        With a mass matrix that depends on the state an iteration 0 is added before: it computes order 1 once, and
+        iteration 1 computes it again with this result as the guess of the unknowns.
         """
         p, moving = self.p, any(stage.plan.moving for stage in self.packing.stages)
         if moving:

@@ -224,8 +224,9 @@ _RULES: Mapping[str, Callable[[ChunkAt], Term]] = {
 
 
 LARGEST_STORED_BLOCK = 8
-"""A part of a vector is stored in blocks. The first block has at most this number of entries, or the vector's length if
-that is larger. Each further block has half as many entries, or fewer.
+"""Bound of the number of entries that one instruction stores, when the first entries of a vector are written to memory.
+The bound is the vector's length if that is larger. The remaining entries are stored in ever smaller blocks, each with
+the bound divided by a power of two.
 """
 
 

@@ -38,9 +38,9 @@ that cancel. The sensitivity is the change of the acceleration when each entry o
 """
 
 CANCELLATION_DOMINANCE = 16.0
-"""Largest ratio of two sums of squared rates at the start of a run: that of the accelerations that may be only rounding
-errors, and that of the others. Above it the rounding errors would determine the first step, so the sizes of the
-entries are estimated first.
+"""Largest ratio of two squared rates at the start of a run: the largest of the accelerations that may be only rounding
+errors, and the largest of the other accelerations. Above it the rounding errors would determine the first step, so the
+sizes of the entries are estimated first.
 """
 
 LEAST_FIRST = 2.0**-44

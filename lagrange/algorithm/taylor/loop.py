@@ -90,11 +90,11 @@ there to 1e289.
 
 @procedure(arguments=arguments)
 def take_step(arguments: Arguments, exponent: float, *, layout: TaylorLayout) -> Outcome:
-    """Take a Taylor step, or change the time scale or the limit of the step. Return an outcome.
+    """Take a Taylor step if possible. Otherwise change the motion, the time scale or the largest length of the step.
 
-    The outcome is PAUSED if the run continues; a failure; or WATCHED if the caller must handle a zero of a
-    watched function. `exponent` is the binary logarithm of the step that the series allows, in units of the
-    time scale.
+    After such a change the series is computed again. The outcome is PAUSED if the run continues; a failure; or
+    WATCHED if the caller must handle a zero of a watched function. `exponent` is the binary logarithm of the step
+    that the series allows, in units of the time scale.
     """
     run, taylor, held, outputs = arguments.run, arguments.taylor, arguments.held, arguments.outputs
     work, order, watched = arguments.work, arguments.order, watched_of(arguments)

@@ -107,7 +107,7 @@ SIDES = {"signs": 1, "near_flags": 1, "starting": 1, "event_counts": 1}
 
 signs         Last sign of the function beyond its noise, before the present step: 1, -1, or 0 for unknown.
 near_flags    1 if the function has been near zero since it had this sign.
-starting      1 if the function starts at zero.
+starting      Nonzero if the function starts at zero.
 event_counts  Number of its events so far.
 
 The same parts before the unproven step follow, named `kept_signs` and so on.
@@ -137,7 +137,14 @@ REALS = {
     "end_values": 1,
     "end_noise": 1,
 }
-"""Parts of the scratch memory of reals, with the number of entries for each watched function."""
+"""Parts of the scratch memory of reals, with the number of entries for each watched function.
+
+columns               Coefficients of the function's series.
+terms, slopes, sums   Terms of the series on a step and their sums, as `event_terms` writes them.
+times                 Times of zeros, for two lists of zeros.
+values, noise         Value of the function at the start of a step, and its rounding error.
+end_values, end_noise The same at the end of the step.
+"""
 
 WHOLES = {
     "zeros": 4 * MOST_ZEROS,
@@ -151,9 +158,18 @@ WHOLES = {
     "due": 1,
     "due_directions": 1,
 }
-"""Parts of the scratch memory of whole numbers, with the number of entries for each watched function. `remaining` is
-the number of zeros until the motion changes. `due` has the indices of the functions that are zero at the end of the
-last step, and `due_directions` the directions of these zeros.
+"""Parts of the scratch memory of whole numbers, with the number of entries for each watched function.
+
+zeros              Functions and directions of zeros, for two lists of zeros.
+ends               Sign of the function at the end of a step and its flag for near zero, for each of the two lists.
+start_signs        Sign at the start of a step.
+start_near_flags   1 if the function has been near zero since it had this sign.
+remaining          Number of zeros until the motion changes.
+coefficient_counts Number of the function's coefficients in `columns`; 0 before they are copied.
+begun_signs        Sign just after a start or a reset.
+begun_orders       Order of the term that determines this sign; 0 if the function does not start at zero.
+due                Indices of the functions that are zero at the end of the last step.
+due_directions     Directions of these zeros.
 """
 
 
@@ -267,7 +283,7 @@ class WatchedView:
 
     @property
     def new_entries(self) -> Any:
-        """Memory for the results of all resets. `verified_length` uses it for the state at the end of a step."""
+        """Memory for the results of all resets, or for the state at the end of a step in `verified_length`."""
         return self.moved[self.layout.dimension + 2 * WIDEST_VECTOR :]
 
     @property
