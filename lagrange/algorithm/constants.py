@@ -56,8 +56,8 @@ LEAST_FLOOR = 1e-307
 """Floor (least absolute tolerance) of a state entry whose size is unknown: positive, and smaller than any state."""
 
 SMALL_FLOOR = 2.0**-24
-"""In ensembles and in other libraries, an entry of the state may be rounding noise if its floor (least absolute
-tolerance) is below this fraction of the largest floor of entries of its kind.
+"""Floor (least absolute tolerance) of an entry of the state below which the entry may be only rounding noise, as a
+fraction of the largest floor of its kind, coordinates or velocities. It is used in ensembles and with other libraries.
 """
 
 MOST_SURVEYS = 8

@@ -35,7 +35,7 @@ rounding.
 """
 
 SETTLED = 1e-14
-"""The stages of a step have converged if their Newton correction is below this fraction of the state."""
+"""Largest Newton correction of stages that have converged, as a fraction of the state plus its change over the step."""
 
 INCREMENTS, JOINED = WorkSize(vectors=4, rows=3), WorkSize(vectors=4, rows=3)
 ROOM = WorkSize(*(sum(counts) for counts in zip(JOINED, SPARE, INCREMENTS, strict=True)))

@@ -29,7 +29,7 @@ LEAST_POWER = -(2**20)
 """Initial value of a search for the largest exponent of two. Every coefficient has a larger exponent."""
 
 CONVERGED = EPSILON / 1024
-"""Newton's method ends if its next step is below this fraction of the root."""
+"""Length of a step of Newton's method for a root below which the iteration ends, as a fraction of the root."""
 
 NARROWEST = 2.0**-DEEPEST_HALVING
 """Width of the smallest part of a step, which is not halved again."""
@@ -79,8 +79,8 @@ meet the floor again while it rises.
 """
 
 CLOSEST = 64 * 2.0**-52
-"""Resets or mode changes by one event or switching surface accumulate if their distance is below this fraction of the
-time. For example, the impacts of a ball accumulate before it comes to rest.
+"""Interval between two changes of the motion by one event or switching surface below which the changes accumulate, as a
+fraction of the time. For example, the impacts of a ball accumulate before it comes to rest.
 """
 
 NOISE_HALVES = 8.0

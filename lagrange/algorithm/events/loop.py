@@ -42,8 +42,8 @@ from lagrange.procedure.front.vocabulary import (
 )
 
 TAKE_STEPS = Callee((Array(WHOLE), Array(), Array(WHOLE), Array(), WHOLE, Array(), Array()), (WHOLE,))
-"""Type of a function that takes steps and returns an `Outcome`. Arguments: data of the machine, the reals and counts of
-the run, work memory, the number of trial steps, and the arrays for times and states.
+"""Type of a function that takes steps and returns an `Outcome`. Arguments: data that the machine needs for its
+functions, the reals and counts of the run, work memory, the number of trial steps, and the arrays for times and states.
 """
 
 MOST_WAITING = 1024

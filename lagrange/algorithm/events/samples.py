@@ -366,7 +366,7 @@ class Samples:
 
     @inline
     def find_doubtful(self, lines: Lines, degree: int, screening: bool) -> bool:
-        """Find the steps on which an event function may be zero: 1.0 in `lines.doubtful`, else 0.0.
+        """Find the steps on which an event function may be zero: write 1.0 for these to `lines.doubtful`, else 0.0.
 
         The polynomials of the steps have a `degree`. If `screening`, they are cubics, and their error is part
         of the noise. Return True if an event function has no value.

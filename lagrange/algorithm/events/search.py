@@ -66,8 +66,9 @@ MOST_ZEROS = 128
 
 
 Part = tuple[float, float, int, float, float]
-"""A part of a step: its start and width as fractions of the step, the number of coefficients of the function's
-polynomial, their error, and the size of the function.
+"""A part of a step, for the search for zeros of an event function. The entries are the start and the width of the part,
+as fractions of the step; the number of coefficients of the function's polynomial; the error of the polynomial's values;
+and the size of the function.
 """
 
 

@@ -87,7 +87,10 @@ def measure(n: int, a: Readable[float], units: Writable[float], columns: Writabl
 
 @inline
 def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Readable[float]) -> None:
-    """Write 1 / the largest magnitude in each row of the matrix a, columns scaled by `columns`, to `units`."""
+    """Write a scale factor for each row of the n-by-n matrix a to `units`: 1 / the largest magnitude in the row.
+
+    The magnitudes are those after multiplication of each column by its factor in `columns`.
+    """
     for i in range(n):
         row, largest = a[i * row_stride(n) :], -math.inf
         for j in each(n, unrolled=n <= UNROLLED_ORDER):

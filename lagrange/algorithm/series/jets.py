@@ -397,8 +397,8 @@ def run_layout(packing: Packing, width: int = 0) -> TaylorLayout:
 class ByOrderJet(JetBuilder):
     """Builder of the procedure that computes the Taylor coefficients in a loop over orders k.
 
-    `tile` is the largest number of sums over lower orders that one loop computes. With `paired` two orders are
-    summed together.
+    `tile` is the largest number of sums over lower orders that one loop computes. With `paired` the sums of an odd
+    order and of the next order are computed together.
     """
 
     def __init__(

@@ -380,8 +380,8 @@ class StoredOperands(NamedTuple):
 class OrderSums:
     """Builds the code for all sums of x[j] y[k-j] over 0 < j < k that rules read at an order k.
 
-    `pairs` are the factors (x, y), which are in the memory `stored`. `tile` is the largest number of sums that
-    one loop computes. With `paired` two orders are summed together. The products of a sum are added in the same
+    `pairs` are the factors (x, y), which are in the memory `stored`. `tile` is the largest number of sums that one loop
+    computes. With `paired` an odd order and the next are summed together. The products of a sum are added in the same
     order with and without `paired`.
     """
 

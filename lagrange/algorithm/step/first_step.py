@@ -120,7 +120,10 @@ def slopes_of(arguments: Running, layout: Layout) -> Slopes:
 
 @inline
 def probe(arguments: Running, slopes: Slopes, move: float, layout: Layout) -> bool:
-    """Write the slopes after an Euler step of the length `move` and at a perturbed start. Return True if singular."""
+    """Write the slopes after an Euler step of the length `move` and at a perturbed start.
+
+    The result is True if a mass matrix is singular.
+    """
     t, y, argument = arguments.run.t, arguments.work[0:], arguments.work[layout.argument :]
     for i in each(layout.width, spill=True, disjoint=True):
         argument[i] = fma(move, slopes.start[i], y[i])
@@ -135,11 +138,12 @@ def probe(arguments: Running, slopes: Slopes, move: float, layout: Layout) -> bo
 def squared_rates(
     arguments: Running, slopes: Slopes, trial: float, layout: Layout
 ) -> tuple[float, float, float, float]:
-    """Return four numbers: largest squared rate of doubtful and of other accelerations, stiffness, largest slope.
+    """Return the largest squared rate of doubtful accelerations, that of the others, the stiffness and the largest
+    slope.
 
-    A doubtful acceleration may be rounding of cancelling terms. The stiffness is the largest sensitivity of such an
-    acceleration, divided by its coordinate. The sensitivities are written to `slopes`. `trial` is the length of the
-    Euler step.
+    A doubtful acceleration may be only the rounding error of terms that cancel. The stiffness is the largest
+    sensitivity of such an acceleration, divided by its coordinate. The sensitivities are written to `slopes`. `trial`
+    is the length of the Euler step.
     """
     y, rtol, floors, half = arguments.work[0:], arguments.run.rtol, arguments.floors, layout.dimension // 2
     doubtful, certain, stiffness, moving = 0.0, 0.0, 0.0, 0.0

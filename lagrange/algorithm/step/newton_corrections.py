@@ -61,8 +61,8 @@ Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
 """
 
 FEW_CORRECTIONS = 2
-"""With a fixed step size, the next step keeps the matrix if Newton's method needed at most this many corrections. A
-matrix younger than `MATRIX_AGE` steps is kept, too.
+"""Largest number of corrections of a fixed step after which the next step keeps the matrix of Newton's method. A matrix
+younger than `MATRIX_AGE` steps is kept after more corrections, too.
 """
 
 LARGEST_MATRIX_AGE = 64

@@ -272,8 +272,8 @@ class TermSums:
 def begin_sums(number: float, power: float, end: float, slope: float) -> TermSums:
     """Return sums over every second term x[k] s**k of a series, before the term of order `number` is added.
 
-    `power` is s**number. `end` and `slope` are the first values of two sums: of the terms, and of the terms
-    times their orders.
+    `power` is s**number. `end` and `slope` are the initial values of two sums. `end` is that of the sum of the terms.
+    `slope` is that of the sum of the terms times their orders.
     """
     sums = TermSums()
     sums.number = number

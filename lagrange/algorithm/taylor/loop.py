@@ -154,8 +154,9 @@ def take_step(arguments: Arguments, exponent: float, *, layout: TaylorLayout) ->
 def length_of_step(
     arguments: Arguments, t: float, scale: float, left: float, exponent: float
 ) -> tuple[float, float, bool, bool]:
-    """Return the step length, its rounded binary logarithm, and two flags: it ends the run, it is too small.
+    """Return the step length, its rounded binary logarithm, and two flags.
 
+    The first flag is true if the step ends the run, and the second if the step is too small.
     The length is in units of the time scale. `t` is the time, `left` the time from t to the end of the run, and
     `exponent` the binary logarithm of the step that the series allows. Operations without the coefficients come
     first: processors execute them before the last coefficient is available.

@@ -19,7 +19,7 @@ from lagrange.procedure.front.vocabulary import In, each, form_of, magnitude, re
 from lagrange.program.series import SeriesProgram
 
 STEP_MARGIN = 0.1
-"""Steps aim at an error of this fraction of the tolerance, because errors add up along a run."""
+"""Truncation error at which Taylor steps aim, as a fraction of the tolerance. Errors add up along a run."""
 
 TIGHT_RTOL, LEAST_MARGIN = 1e-15, 0.01
 """Below the tolerance `TIGHT_RTOL` steps aim at the fraction `LEAST_MARGIN` of it. The truncation error has the same
