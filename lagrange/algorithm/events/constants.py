@@ -20,7 +20,7 @@ MOST_ROOTS = MOST_COEFFICIENTS + 1
 """Largest number of roots on a step: those of the polynomial, and one if its sign contradicts the previous step."""
 
 MODEST = 40
-"""Largest exponent for which powers of a step between 1e-6 and 1e6 are computed without scaling."""
+"""Largest exponent k for which the power h**k of a step length h between 1e-6 and 1e6 is computed without scaling."""
 
 SMALLEST = 2.0**-1022
 """Smallest normal double."""

@@ -433,7 +433,7 @@ def reset(loop: EventLoop) -> bool:
     """Apply the reset of the event that changes the motion at the present state, and return True.
 
     Return False, with nothing changed, if the caller must handle the event: it has no allowed reset, ends
-    the run, follows another change of the motion at once, or is irregular. An event is irregular if its
+    the run, or follows another change of the motion at once. The caller must also handle it if the event
     function does not pass zero, a value is not finite, or the mass matrix is singular. `loop.scratch` has space
     for the new state, the event functions before and after the reset, and the results of all resets.
     """

@@ -259,8 +259,8 @@ class ZeroSearch:
         `step` is the number of the step in the run, and `b` its column in the block. `is_bad` is true if an event
         function has no value on the block. `limit` is the fraction of the step at which the search ends; `is_cut` is
         true if the motion changes there. `count` is the number of zeros already found on the step. The first result is
-        True if the event is irregular: no polynomial resolves it on a part of the step, or its zeros cannot be
-        separated, as at a jump. The second result is the new number of zeros.
+        True if the zeros cannot be resolved: no polynomial resolves the function on a part of the step, or its zeros
+        cannot be separated, as at a jump. The second result is the new number of zeros.
         """
         lines, index = self.lines, e * self.samples.columns + b
         is_last, noise = step == self.watch.review.last, lines.noise[index]
@@ -341,10 +341,11 @@ class ZeroSearch:
     def leave_zero(self, e: int, known: int, error: float) -> tuple[bool, float]:
         """Find the sign of event function `e` just after a start at zero, by its slope.
 
-        The sign is written to `signs`. Return True if the event is irregular, and the error of the slope. An event is
-        irregular if it leaves zero in the direction in which it reached zero, or if its slope is zero within its error.
-        `known` is the number of coefficients of its polynomial, and `error` the error of its values. The error of the
-        slope follows from the slope 2 k**2 of Chebyshev's polynomial of degree k at the ends of [0, 1].
+        The sign is written to `signs`. The first result is True if the caller must handle the event: the function
+        leaves zero in the direction in which it reached zero, or its slope is zero within its error. The second result
+        is the error of the slope. `known` is the number of coefficients of its polynomial, and `error` the error of its
+        values. The error of the slope follows from the slope 2 k**2 of Chebyshev's polynomial of degree k at the ends
+        of [0, 1].
         """
         rank, linear = float(max(known - 1, 1)), self.powers[1]
         noise, slope = 2.0 * rank * rank * error, linear if known > 1 else 0.0

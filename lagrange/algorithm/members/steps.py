@@ -1,8 +1,8 @@
 """Ensemble members that run by an explicit method, with error control or with fixed steps, and their events.
 
 Each accepted step is searched for events before the next. The samples and decisions are the same as on the blocks of
-single runs, in `lagrange.algorithm.events.search`. In an irregular case, such as an event that is not resolved, the
-member ends here, and is run again as a single run.
+single runs, in `lagrange.algorithm.events.search`. If a case is left to the caller there, such as an event that is not
+resolved, the member ends here, and is run again as a single run.
 """
 
 from __future__ import annotations

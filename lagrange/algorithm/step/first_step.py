@@ -138,12 +138,12 @@ def probe(arguments: Running, slopes: Slopes, move: float, layout: Layout) -> bo
 def squared_rates(
     arguments: Running, slopes: Slopes, trial: float, layout: Layout
 ) -> tuple[float, float, float, float]:
-    """Return the largest squared rate of doubtful accelerations, that of the others, the stiffness and the largest
-    slope.
+    """Return four numbers by which the first step is chosen.
 
-    A doubtful acceleration may be only the rounding error of terms that cancel. The stiffness is the largest
-    sensitivity of such an acceleration, divided by its coordinate. The sensitivities are written to `slopes`. `trial`
-    is the length of the Euler step.
+    They are the largest squared rate of the doubtful accelerations, that of the other accelerations, the stiffness, and
+    the largest slope. A doubtful acceleration may be only the rounding error of terms that cancel. The stiffness is the
+    largest sensitivity of such an acceleration, divided by its coordinate. The sensitivities are written to `slopes`.
+    `trial` is the length of the Euler step.
     """
     y, rtol, floors, half = arguments.work[0:], arguments.run.rtol, arguments.floors, layout.dimension // 2
     doubtful, certain, stiffness, moving = 0.0, 0.0, 0.0, 0.0

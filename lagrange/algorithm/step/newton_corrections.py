@@ -33,9 +33,9 @@ number of steps.
 
 ROUND_OFF_FRACTION = 2.0**-6
 """Largest error of an unknown after a fixed step, as a fraction of its rounding error. The error has the same sign at
-every step and adds up: with a fraction of 1, galerkin6 drifts 15 times as much. This fraction costs up to a quarter
-more evaluations, and a second correction of very short steps. Two corrections in a row at rounding level end the
-iteration.
+every step and adds up: with a fraction of 1, the method galerkin6 drifts 15 times as much. This fraction costs up to a
+quarter more evaluations, and a second correction of very short steps. Two corrections in a row at rounding level end
+the iteration.
 """
 
 TOLERANCE_FRACTION = 0.02
