@@ -11,7 +11,7 @@ simple, double and close roots of random polynomials up to degree 64. Bernstein 
 """
 
 DEEPEST_HALVING = 50
-"""Largest number of halvings of a step. A narrower interval counts as a single point."""
+"""Largest number of halvings of a step in the search for roots. An interval of this depth counts as a single point."""
 
 MOST_COEFFICIENTS = 65
 """Largest number of coefficients of an event function on a step."""

@@ -206,7 +206,7 @@ class Member:
     """Results of the reductions of expressions so far, a `Reduced`, or None without reductions."""
 
     method_memory: Any
-    """Further memory of the method."""
+    """Memory of the method in addition to the state, as `MemberMethod.memory` returns it."""
 
 
 class MemberMethod(ABC):

@@ -103,8 +103,8 @@ class PackedStage:
 class Packing:
     """A series program packed into chunks: vectors of values with one rule, in the order of evaluation.
 
-    The chunks `before` are computed before the linear systems `stages`. `rates` are the operands of dq/dt. Chunks
-    have up to `lanes` values.
+    `stages` are the linear systems, and the chunks `before` are computed before all of them. `rates` are the operands
+    of dq/dt. A chunk has up to `lanes` values.
     """
 
     program: SeriesProgram

@@ -23,7 +23,7 @@ from lagrange.procedure.values import Entries, Flag, Memory, Real, Variable, Who
 from lagrange.program.series import OWN
 
 Term = Any
-"""A real, or several as a vector; None means zero."""
+"""Value in generated code: a real, a vector of reals, or None for a value that is exactly zero."""
 
 
 class ChunkAt:

@@ -313,8 +313,8 @@ def taylor_steps(arguments: Arguments, budget: int, *, layout: TaylorLayout) -> 
 def begin_run(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: Any, layout: TaylorLayout) -> None:
     """Reset rounding errors, limits and time scale at the start of a run.
 
-    The time scale begins as 1, or as -1 for a run backwards in time. An inspection for events on the first
-    step, if the caller has asked for it, remains requested.
+    The time scale begins as 1, or as -1 for a run backwards in time. If the caller has asked for a search for
+    events on the first step, this request remains.
     """
     counts.kept = 1
     low = work[layout.lost :]

@@ -330,7 +330,7 @@ def retries_exhausted(taylor: TaylorState) -> bool:
 def retry_shorter(counts: Counts, taylor: TaylorState, h: float) -> None:
     """Count a rejection of a step of length h, and bound the steps that follow by a fraction of h.
 
-    An inspection for events is requested for the next step.
+    The next step will be searched for events, even if bounds of the event functions exclude zeros.
     """
     taylor.limit = RETRY_FRACTION * abs(h)
     taylor.next_limit = math.inf
