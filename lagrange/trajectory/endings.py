@@ -48,8 +48,9 @@ LOST_INERTIA = 2.0**-20
 Accelerations then grow without bound. Steps become too small at 1e-8 to 1e-11 (eight systems, four methods)."""
 
 DOMINANT_SHARE = 0.5
-"""A singular mass matrix is the cause of a failure if at least this share of the acceleration has the direction without
-inertia. In a fall to the centre of polar coordinates this share is zero."""
+"""Smallest part of the acceleration that has the direction without inertia, as a fraction of the acceleration, for
+which a singular mass matrix counts as the cause of a failure. In a fall to the centre of polar coordinates it is
+zero."""
 
 
 def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
@@ -102,8 +103,9 @@ def remaining_regularity(problem: Problem, t: Sequence[float], y: FloatArray) ->
 
 
 PLACES_AHEAD, MUCH_NEARER = 65, 0.1
-"""Number of points on the next two steps at which a crossing of two motions is searched for. It is found if the least
-singular value of the constraints decreases to the second number times its present value."""
+"""Number of points on the next two steps at which dependent constraints, where two motions cross, are searched for.
+They are found if the least singular value of the constraint gradients decreases to the second number times its present
+value."""
 
 
 def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
@@ -127,9 +129,10 @@ NEARLY_DEPENDENT = 1e-2
 value of constraint gradients or mass matrix, relative to that at the start."""
 
 SHRUNK, TREND_STEPS = 0.5, 32
-"""After failed fixed steps, a singular state ahead is searched for with step control in one case: the regularity is
-below the first number, and has decreased during the second number of steps. A turn of a constraint gradient changes the
-regularity by up to sqrt(2), which may hide the decrease during fewer steps."""
+"""Test after failed fixed steps, which decides whether a singular state ahead is searched for with step control. The
+regularity is the least singular value of the constraint gradients or of the mass matrix, relative to the start. It must
+be below the first number, and must have decreased during the last steps, whose number is the second. A turn of a
+constraint gradient changes the regularity by up to sqrt(2), which may hide the decrease during fewer steps."""
 
 SEARCH_SECONDS, SEARCH_MEMORY = 5.0, 2.0**28
 """Limits of the search for a singular state ahead, in seconds and bytes."""
@@ -210,7 +213,10 @@ def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
 
 
 def _named(names: Sequence[str], y: FloatArray) -> str:
-    """Return the text of the first entries of a state y (2n,) with their `names`, for a message."""
+    """Return entries of a state y (2n,) as text for a message, such as "x = 1.5, y = 0". Of many only some are listed.
+
+    `names` are the names of the first entries of the state. Entries without a name are left out.
+    """
     return few([f"{name} = {number(x)}" for name, x in zip(names, y, strict=False)])
 
 
@@ -389,7 +395,8 @@ ROUNDING_PART = 2.0**-46
 acceleration of zero may change by this amount."""
 
 NEIGHBOURS, OCTAVES = 8, 40
-"""Number of neighbouring doubles at which forces are evaluated, and of displacements of 1, 2, 4, ... spacings."""
+"""Displacements of a coordinate at which forces are evaluated, to test whether its doubles resolve the forces: the
+number of nearest doubles, and the number of displacements by 1, 2, 4, ... spacings of doubles."""
 
 
 def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:

@@ -92,7 +92,8 @@ class AcceptedStates:
     def follow(self, *, last: bool = False) -> None:
         """Evaluate the states at the output times on the steps since the last call.
 
-        `last` is True if no more steps follow. Nothing happens if `followed` is None.
+        `last` is True if no more steps follow. Nothing happens if these states are not evaluated during the run, so
+        that `followed` is None.
         """
         if self.followed is not None:
             self.followed.follow(self.parts, self.removed, last=last)
@@ -159,8 +160,9 @@ class FollowedSteps:
         self._y = np.empty((len(problem.y0), len(times)))
         self._done = 0
         self._known = np.array([problem.t0]), problem.y0[None], 0, 0, 1
-        """Times and states of the kept rows, number of the first row, number of passed breaks, and number of read
-        parts."""
+        """Where the next call continues: the times and states of the accepted rows that were kept for it, the index of
+        the first of these rows in the run, the number of breaks before them, and the number of parts of the accepted
+        states that were read."""
 
     def joined(self, count: int, last: FloatArray) -> FloatArray:
         """Return the states (2n, count) at the first `count` output times.

@@ -27,15 +27,16 @@ AROUND = 1e-2
 at this state are independent at the samples, by a singular value of about this size."""
 
 NEARBY_SAMPLES = 4
-"""Number of sample states around a state."""
+"""Number of sample states near a state. Constraints count as dependent everywhere if they are dependent at the state
+and at all samples, moved onto the constraints."""
 
 CLEARLY = 1e-4
 """Constraint gradients are certainly independent if their least singular value exceeds this fraction of the largest.
 The entries of a typed start may be rounded to 1e-6, so that dependent rows differ by about 1e-6."""
 
 VANISHING_RATIO = 1e-3
-"""A constraint gradient vanishes if its size decreases to this fraction between the samples. The gradient of a squared
-constraint decreases to 1e-6 / AROUND."""
+"""Largest size of a constraint gradient on the constraints, relative to its size at a nearby state off them, that
+counts as zero. The gradient of a squared constraint, such as x**2 = 0, decreases to 1e-6 / AROUND."""
 
 
 def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
@@ -118,23 +119,29 @@ def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArr
 
 
 SHORT_STEP = 0.1
-"""Steps below this fraction of the mean step are inspected. Towards a crossing steps shrink to 1e-2 to 1e-4 of it."""
+"""Length of a step, as a fraction of the mean step, below which its ends are tested for dependent constraints. Towards
+a crossing of two motions steps shrink to 1e-2 to 1e-4 of the mean step."""
 
 FIRST_STEPS = 3
-"""Number of steps at the start that are ignored, because they are short while the step size is determined."""
+"""Number of steps at the start of a run that are not tested for dependent constraints. They are short because the step
+size is still being determined."""
 
 MOST_SHORT_STEPS = 5_000
-"""Largest number of short steps that are inspected, the shortest ones. The states at the ends of one cost 20 us."""
+"""Largest number of short steps that are tested for dependent constraints. If there are more, the shortest are tested.
+The test of both ends of a step takes 20 us."""
 
 MANY_STEPS = 10_000
-"""In runs of at least this many steps the shortest step is always inspected, because the cost is relatively small."""
+"""Number of steps of a run from which on its shortest step is always tested for dependent constraints. The test then
+takes a small part of the time of the run."""
 
 DEPENDENCE_FACTOR = 3.0
 """Constraints count as dependent if their least singular value, relative to the start, is below this times the square
 root of rtol. Runs of four methods over crossings had 1e-6 to 5e-5 at rtol = 1e-9."""
 
 SURELY_FAR = 1e2
-"""Units of coordinates change the least singular value of normalised rows by less than this factor."""
+"""Margin of a quick test for dependent constraints, in which coordinates keep their units. Units change the least
+singular value of normalised rows of the gradient by less than this factor. Only states within this multiple of the
+threshold are tested again, with scaled coordinates."""
 
 AWAY, STATES_AFTER = 0.1, 32
 """Relative singular value above which a motion has moved away from a crossing, and the number of states after the

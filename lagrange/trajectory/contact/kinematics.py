@@ -24,7 +24,8 @@ TOUCHING = 1e-13
 terms of all gaps are used, because balls that rest at coordinates of zero have no terms."""
 
 HELD = 1e-12
-"""Largest gap, relative to the terms of gaps, of a contact that stays closed without a projection onto zero gaps."""
+"""Largest gap, relative to the terms of gaps, of a contact that counts as closed throughout a segment. It is larger
+than rounding because the states of this segment are not projected onto zero gaps."""
 
 RATE_NOISE = 1e-11
 """A gap rate or slip counts as zero below this fraction of the largest terms of the contact's rates so far."""
@@ -38,7 +39,8 @@ MODELS_KEPT = 16
 """Largest number of models whose contact functions and modes are cached."""
 
 SLOW_SHARE = 1e-3
-"""Rates of a contact at rest are compared with this fraction of the largest rates of all contacts."""
+"""Smallest scale of the rates of a contact, as a fraction of the largest terms of the rates of all contacts. A contact
+at rest has no scale of its own, so this scale decides which of its rates count as zero."""
 
 
 @lru_cache(maxsize=MODELS_KEPT)
@@ -102,7 +104,7 @@ class ContactState:
 
     @cached_property
     def noise(self) -> FloatArray:
-        """Sizes (rows,) up to which rates count as zero."""
+        """Size (rows,) of each rate, a gap rate or a slip, up to which this rate counts as zero."""
         fastest = np.maximum.reduceat(self.terms, self.kinematics.normals)[self.kinematics.owners]
         return np.asarray(RATE_NOISE * np.maximum(fastest, SLOW_SHARE * self.terms.max()))
 
@@ -118,7 +120,7 @@ class ContactState:
 
     @property
     def velocity_noise(self) -> FloatArray:
-        """Sizes (n,) up to which velocities count as zero."""
+        """Size (n,) of each velocity up to which this velocity counts as zero."""
         return self._inertia[1]
 
     @cached_property
@@ -165,7 +167,8 @@ class Kinematics:
     """Evaluates the contacts of a model for the parameters of a run.
 
     `rows` has the row indices of each contact in a `ContactState`, and `normals` the first of them, the row of dgap/dt.
-    `owners` (rows,) has the index of the contact of each row. `restitutions` are None if they depend on the speed.
+    `owners` (rows,) has the index of the contact of each row. `restitutions` has the restitution of each contact, or
+    None for a contact whose restitution depends on the impact speed.
     """
 
     def __init__(self, model: Model, parameters: FloatArray) -> None:
@@ -211,7 +214,7 @@ class Kinematics:
         return ContactState(self, t, y, values[:k], rates, directions, convective, self._terms, near, before)
 
     def inertia(self, touch: ContactState) -> tuple[FloatArray, FloatArray]:
-        """Return `responses` and `velocity_noise` of the contacts at a state."""
+        """Return the `responses` and the `velocity_noise` of a `ContactState`, from the mass matrix at its state."""
         n, v = self.model.dimension, touch.y[self.model.layout.v]
         mass = np.asarray(self.model.kernel("mass_matrix")(touch.t, touch.y, self.parameters)).reshape(n, n)
         inertia = np.sqrt(np.abs(np.diag(mass)))

@@ -92,7 +92,10 @@ class Bounces:
 
     @property
     def limit(self) -> float | None:
-        """Limit of the times of impact by the ratio of the last two flights, or None if these do not become shorter."""
+        """Time at which the impacts accumulate, if all further flights shorten by the ratio of the last two.
+
+        It is None after fewer than `FEWEST_FLIGHTS` flights, or if the last flight is not shorter than the one before.
+        """
         times = self.series[0]
         if len(times) < FEWEST_FLIGHTS + 1:
             return None
@@ -104,7 +107,8 @@ class Bounces:
     def accumulating(self) -> frozenset[int]:
         """Indices of the contacts whose impacts accumulate.
 
-        The set is empty after a fast impact. There must be an impact.
+        The set is empty if the last impact is faster than `SMALLEST_BOUNCE` times the fastest of the series, or if
+        `limit` is None. At least one impact must have been added.
         """
         speeds = self.series[1]
         slow = speeds[-1] <= SMALLEST_BOUNCE * speeds.max()
@@ -121,7 +125,8 @@ a missed impact. The overlap is relative to the terms of the gap. If the third n
 in place of the second."""
 
 NEARBY = 2.0**-16
-"""Fraction of a segment, before its end, over which the derivative of an event is approximated by a difference."""
+"""Length of the interval at the end of a segment over which the time derivative of an event function is approximated by
+a difference, as a fraction of the segment."""
 
 STEPS_OUTSIDE, SHORTEST_STEP = 60, 1e-12
 """Search for the nearest start outside of all bodies, for an error message: the number of steps for each gap, and the
@@ -132,7 +137,8 @@ MOST_AT_ONCE = 32
 contacts."""
 
 SHORTEST_REST = 2.0**-36
-"""Time until impacts have ended, relative to the time of the run, below which no separate segment is run."""
+"""Shortest remaining time of impacts that accumulate, relative to the present time, for which results report the
+contact as open until the impacts end. With a shorter one the contact is reported as closed at once."""
 
 TYPED, EARLY, EARLY_FALL = 1e-8, 1e-7, 1e-6
 """Largest overlap of bodies at the start that counts as rounding. It is the first number times the terms of the gaps.
@@ -280,10 +286,12 @@ class _ContactRun:
         return self.modes_so_far[-1]
 
     def _integrated(self, segment: Problem, mode: Mode, until: float) -> list[tuple[float, Mode]]:
-        """Integrate a segment that begins in `mode`, at most to the time `until`; write `part`, `fired`, `end_state`.
+        """Integrate a segment that begins in `mode`, at most to the time `until`.
 
-        Return the changes between sliding and sticking inside the segment: for each the time and the mode after it. If
-        impacts or changes inside the loop over steps fail a test, the segment is integrated again without them.
+        Its trajectory, the contacts whose events ended it, and the state at its end are stored in `part`, `fired` and
+        `end_state`. Return the changes between sliding and sticking inside the segment: for each the time and the mode
+        after it. If impacts or changes inside the loop over steps fail a test, the segment is integrated again without
+        them.
         """
         users, written = len(self.problem.events), None if mode.closed else self.written
         friction = self.modes.friction(mode) if self.friction_in_loop else None
@@ -400,7 +408,7 @@ class _ContactRun:
     def _locate_end(self, segment: Problem) -> None:
         """Move the end of the last segment closer to the zero of the event that ended it, by one secant step.
 
-        A series locates the zero only up to the tolerance of the run, which continues from the corrected end.
+        A Taylor series locates the zero only up to the tolerance of the run. The run continues from the corrected end.
         """
         part, (begin, end), friction = self.part, self.part.span, self.prepared.friction
         users = len(self.problem.events)
@@ -450,7 +458,10 @@ class _ContactRun:
         return transition
 
     def _checked_start(self) -> ContactState:
-        """Return the contacts at the start, without overlaps that are rounding. Raises StatementError inside a body."""
+        """Return the contacts at the start of the run, at a state without overlaps of bodies.
+
+        An overlap that is only rounding is removed. Raises StatementError for a larger one: the start is inside a body.
+        """
         problem, kin = self.problem, self.kinematics
         touch = kin.at(problem.t0, problem.y0)
         # A gap without a gradient at the start, such as the distance of equal points, has no error either.

@@ -94,10 +94,10 @@ class Transitions:
     def after(
         self, touch: ContactState, mode: Mode, end: ModeEnd, plastic: Collection[int] = frozenset()
     ) -> Transition:
-        """Return the result of the transition after a mode that ends at the state of `touch`.
+        """Return the result of the transition after `mode`, which ends at the state of the contacts `touch`.
 
-        `plastic` contacts have no restitution, and stay closed after an impact. Raises `Undetermined` if the laws of
-        contact do not determine the result.
+        `end` has the contacts whose events end the mode. The contacts `plastic` (indices) have no restitution, and stay
+        closed after an impact. Raises `Undetermined` if the laws of contact do not determine the result.
         """
         kin, normals = self.kinematics, self.kinematics.normals
         near = [i for i, gap in enumerate(touch.gaps.tolist()) if i in end.closing or gap <= touch.near]
@@ -139,7 +139,10 @@ class Transitions:
         return Transition(y, before, following, impacts, speed, low_flights)
 
     def _ways_of_yielding(self, touch: ContactState, mode: Mode, yielding: Collection[int]) -> dict[int, FloatArray]:
-        """Return the direction in which each `yielding` contact begins to slide, against its friction force at rest."""
+        """Return a unit vector (components,) for each of the contacts `yielding` (indices), which stuck in `mode`.
+
+        It is the direction in which the contact begins to slide, against its friction force at the state of `touch`.
+        """
         if not yielding:
             return {}
         model = self.modes.model_of(mode)
@@ -185,12 +188,19 @@ class Transitions:
         return after, impacts
 
     def _approaching(self, touch: ContactState, contacts: Sequence[int], rates: FloatArray) -> list[int]:
-        """Return those of `contacts` (indices) whose gaps become smaller at the `rates` (rows,)."""
+        """Return those of `contacts` (indices) whose gaps become smaller at the gap rates in `rates` (rows,).
+
+        A gap rate counts as zero within its noise in the contacts `touch`.
+        """
         normals = self.kinematics.normals
         return [i for i in contacts if rates[normals[i]] < -touch.noise[normals[i]]]
 
     def _check_law_of_impacts(self, touch: ContactState, touching: Sequence[int]) -> None:
-        """Raise `Undetermined` if `touching` contacts collide that affect each other, and no law for this is stated."""
+        """Raise `Undetermined` if colliding contacts affect each other, and the system states no law for this case.
+
+        `touching` are the indices of the contacts with zero gap, and `touch` has all contacts at the state of the
+        impact.
+        """
         kin, matrix = self.kinematics, np.abs(touch.compliance)
         rows = [row for i in touching for row in kin.rows[i]]
         # The change of each rate by a unit impulse of another contact.
@@ -213,7 +223,8 @@ class Transitions:
     ) -> FloatArray:
         """Return the impulses (rows,) of one impact, by Newton's law of restitution and Coulomb's law of friction.
 
-        Only `colliding` contacts have impulses, and `plastic` ones no restitution. `rates` (rows,) are the prior rates.
+        `touch` has the contacts at the state of the impact, and `rates` (rows,) are their gap rates and slips before
+        it. Only the contacts `colliding` (indices) have impulses. The contacts `plastic` (indices) have no restitution.
         """
         kin, laws, free_rates = self.kinematics, {}, rates.copy()
         for i in colliding:
@@ -296,7 +307,11 @@ class Transitions:
         return self._projected(touch, mode, starts, near), mode, accelerations
 
     def _slow(self, touch: ContactState, along: Sequence[int]) -> float:
-        """Return the speed up to which a slip in the rows `along` is zero: in a plane, at least `Mode.slowest`."""
+        """Return the speed up to which the slip of one contact counts as zero.
+
+        `along` are the rows of its slip in `touch`. For a slip along a line, this speed is the noise of the slip. For a
+        slip in a plane, it is at least `Mode.slowest`.
+        """
         noise = float(touch.noise[along].max(initial=0.0))
         return max(self._slowest, noise) if len(along) > 1 else noise
 

@@ -184,10 +184,12 @@ def local_polynomials(
 def _resolved(
     chebyshev: FloatArray, size: float, noise: float, before: float, least: float
 ) -> tuple[FloatArray, float, float]:
-    """Return the power coefficients (k,) of a function with Chebyshev coefficients (17,), their error and the tail.
+    """Return the power coefficients (k,) of a function on a part of a step, their error, and the tail.
 
-    The result has no coefficients if the function is not resolved. The tail is the size of the last Chebyshev
-    coefficients. The arguments have the meaning that `local_polynomial` describes.
+    The tail is the size of the last of the function's Chebyshev coefficients, `chebyshev` (17,), and `before` is the
+    tail on the interval of twice the length. `size` is the largest sampled magnitude of the function, and `noise` its
+    rounding error. Chebyshev coefficients below `least` are omitted. The result has no coefficients if the function is
+    not resolved.
     """
     powers = np.empty(DEGREE + 1)
     count, error, tail = called(local_polynomial.form())(chebyshev, size, noise, before, least, powers)
@@ -342,8 +344,9 @@ def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
 def rests(batch: StepBatch, step: int, sample: Sample, index: int) -> bool:
     """Return True if an event function that started at zero stays zero on the whole step, like a conserved quantity.
 
-    The test uses the time derivative of the function along the solution, since the dense output deviates from the
-    solution by more than rounding.
+    `index` is the index of the event function, and `sample` the step with index `step` in the `batch`. The test uses
+    the time derivative of the function along the solution, since the dense output deviates from the solution by more
+    than rounding.
     """
     return bool((np.abs(sample.rates(nodes())[index]) <= batch.sensitive[index, step]).all())
 

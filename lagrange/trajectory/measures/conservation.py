@@ -31,15 +31,17 @@ run at default tolerances changes the energy by 1e-12 to 1e-7, so that its test 
 is small because the energy may be large only by the choice of its zero."""
 
 SPEED_SAMPLES = 64
-"""Number of equal parts of the time span at whose ends the speed is evaluated."""
+"""Number of equal parts of a time span. The mean speed over the span is computed from the speeds at their ends."""
 
 ROUND_OFF_DISPLACEMENT = 1e-10
 """Relative displacement that counts as rounding and error within the tolerance. A body at rest in equilibrium has
 energies of that size, which no method conserves."""
 
 FIRST_DISPLACEMENT = 1e-3
-"""Relative displacement along the first acceleration for which the motion has only begun. After one Euler step from
-rest the kinetic energy has a relative error of 1, but the error of the state is half of the squared step."""
+"""Displacement of the initial coordinates along the first acceleration, relative to the largest coordinate. The change
+of the energy over it is part of the estimated rounding error of the initial energy, since the motion has only begun
+there. After one Euler step from rest the kinetic energy has a relative error of 1, but the error of the state is half
+of the squared step."""
 
 DIRECTIONS = 8
 """Number of displacements of the initial state from which the rounding error of its energy is estimated."""

@@ -138,7 +138,11 @@ class MethodTable(tuple[MethodRow, ...]):
     __repr__ = __str__
 
     def _cells(self, name: str, no: str) -> list[list[str]]:
-        """Return the cells of each row: `name` is the template of names, `no` the text of a claim that is not made."""
+        """Return the texts of the cells of each row of the table.
+
+        `name` is a format string for the names of methods, such as "{}". `no` is the text for a claim that a method
+        does not make.
+        """
         return [
             [
                 *(name.format(row.name), str(row.claims.order), "adaptive" if row.claims.adaptive else "fixed"),

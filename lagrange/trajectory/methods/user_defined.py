@@ -33,10 +33,12 @@ TRIAL_POINTS = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))
 """Values of (t, h) for the test. Two of them distinguish h**2 from h."""
 
 SHORT_STEP = Fraction(1, 4096)
-"""Step size for which the coefficients of a consistent step's slopes add up to h, with an error relative to h."""
+"""Step size h for the test of a step function that is not a Runge-Kutta step. If the function is consistent, the
+coefficients of its slopes add up to h for short steps, up to an error that is small relative to h."""
 
 SHORT_STEP_TOLERANCE = 1 / 16
-"""Relative tolerance of the test with a short step."""
+"""Tolerance of the test with a short step. It bounds the relative error of the sum of the slopes' coefficients, and the
+distance of the slopes' times from the start of the step."""
 
 FORMS = "step(f, t, y, h), or step(a, t, q, v, h) to move coordinates and velocities in turn"
 
@@ -245,7 +247,7 @@ class _Tried:
 
     @property
     def combinations(self) -> tuple[dict[int, Coefficient], ...]:
-        """The arguments of the slopes, then the results of the step."""
+        """All vectors of the trial call: the arguments at which slopes are evaluated, then the results of the step."""
         return self.arguments + self.results
 
 
