@@ -156,7 +156,12 @@ def _driven(problem: Problem, prepared_plan: PreparedPlan, name: str) -> Traject
 
 
 def _at_start(problem: Problem, plan: Plan, name: str, idle: IdleDriver | None, began: float) -> _Run:
-    """Return the run before its first step. It advances the state of the driver `idle`, or a new state."""
+    """Return the run of a problem before its first step.
+
+    `plan` is the plan of the method, and `name` the method's name. `began` is the start of the steps by
+    `time.perf_counter`. The run advances the state of the driver `idle`, which a former run used, or a new state if
+    None.
+    """
     tolerances, equations = plan.tolerances, problem.model.equations
     state = tolerances.begin(problem.t0, problem.t1, problem.y0) if idle is None else idle.state
     if problem.largest is not None:

@@ -35,7 +35,8 @@ RATE_ITERATIONS = 3
 largest factor by which an entry of the displacement then grows is the square of a rate."""
 
 SETTLED = 8.0
-"""The estimated period is shortened if a coupled entry would change by more than this factor during the period."""
+"""Largest change of an entry of the state by other entries during the estimated natural period, relative to the size of
+the entry. If a change is larger, the period is shortened."""
 
 MOST_ROUNDS = 256
 """Largest number of rounds of the estimate of sizes. In each round an entry without a size gets one from a neighbour. A
@@ -193,9 +194,9 @@ MOST_DISPLACEMENTS = 8
 """
 
 NOISE_AHEAD, EULER_STEPS = 1 / 8, 2
-"""The noise is also evaluated at a later state. Between the two states are Euler steps: the second number of them, each
-of the first number times the natural time. Terms that are zero at the start, as of a chain that hangs at rest, have
-noise as soon as it moves."""
+"""Length and number of the Euler steps to a later state at which the rounding noise of accelerations is also evaluated.
+The length is in units of the natural time of the motion. Terms that are zero at the start, as of a chain that hangs at
+rest, have noise as soon as it moves."""
 
 
 def some_rounded(layout: StateLayout, floors: FloatArray) -> bool:
@@ -281,13 +282,14 @@ def _spectral_radius(matrix: FloatArray) -> float:
 
 
 FORCE_STEPS = (0.0, 1.0, 4.0, 16.0, 64.0)
-"""Later times, in steps, at which forces are evaluated, because forces on a system at rest may depend on time alone. In
-each further estimate of sizes these times are multiplied by the last number."""
+"""Later times at which forces are evaluated at the present state, because forces on a system at rest may depend on time
+alone. They count from the present time, in units of the next step. In each further estimate of sizes they are
+multiplied by the last number."""
 
 DRIFT_STEPS, DRIFT_GROWTH = (1.0, 4.0), 8.0
-"""Later times, in steps, at which forces are evaluated on a motion with constant velocities. A rejected step that hits
-a body at rest is one to five times as long as the next step. In each further estimate of sizes these times are
-multiplied by the second number."""
+"""Later times at which forces are evaluated on a motion with constant velocities, and the growth of these times. They
+count from the present time, in units of the next step. A rejected step that hits a body at rest is one to five times as
+long as the next step. In each further estimate of sizes the times are multiplied by the second number."""
 
 REST_HALVINGS = 52
 """Number of later times at which forces are evaluated for a system at rest: the remaining time, its half, its quarter

@@ -27,9 +27,9 @@ LAST_ROWS = 64
 """Number of last accepted states that are tested for sticking."""
 
 UNSOLVED_ROWS, UNSOLVED_REACH = 8, 2.0
-"""Test for sticking after an implicit step that did not converge: the number of last accepted states that are tested,
-and the largest time within which their rates must lead to the surface. The time is relative to the time between these
-states."""
+"""Test for sticking to a switching surface after an implicit step that did not converge. The first number is the number
+of last accepted states that are tested. The second number times the time from the first of them to the present is the
+longest time in which their rates of change must lead to the surface."""
 
 
 def stuck(

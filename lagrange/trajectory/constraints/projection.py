@@ -45,7 +45,8 @@ MOST_DESCENTS = 200
 curvature of the surface times the distance of the two points."""
 
 NEAREST = 1e-9
-"""A point is the nearest if the step along the surface is below this fraction of the distance, or is rounding."""
+"""Length of a step along the surface at which the search for the nearest point ends, as a fraction of the distance from
+the starting point. The search also ends if the step is rounding."""
 
 Surface = Callable[[FloatArray], Residuals]
 

@@ -21,10 +21,12 @@ ON_SURFACE = 2.0**-40
 """A residual of at most this fraction of its size is rounding: states of doubles are rarely closer to the surface."""
 
 CORNER_DISTANCE = 1e-7
-"""Distance on both sides of a corner at which gradients are compared, relative to the largest coordinate."""
+"""Distance before and after a possible corner of a constraint at which its gradients are compared, relative to the
+largest coordinate."""
 
 CORNER = 1e-4
-"""A gradient that changes by this fraction over that distance jumps. A smooth gradient changes by 1e-7 of its size."""
+"""Change of a constraint gradient across a possible corner, relative to its size, above which the corner is real. The
+gradients `CORNER_DISTANCE` before and after it are compared. A smooth gradient changes by 1e-7 of its size."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,9 +41,9 @@ LONGEST_RESET = 2_000
 """Largest number of operations in the reset of an impact that is written out."""
 
 SLIGHT, SHORT = 2.0**-48, 1e-3
-"""Rate with which a gap or a slip begins to grow after a change of the mode: the first number times a change of
-velocity. This is the largest term of the accelerations times the time so far, or times a short time, the second number
-times the span. 2**-48 is 16 units of rounding."""
+"""Size of the rate with which a gap or a slip begins to grow after a change of the mode: the first number times a
+velocity. This velocity is the largest term of the accelerations times a duration. The duration is the absolute time, or
+the second number times the span of the run if that is longer. 2**-48 is 16 units of rounding."""
 
 ORTHOGONAL = 1e-14
 """Two directions are orthogonal if their product is below this fraction of its terms. Stated numbers are rounded."""

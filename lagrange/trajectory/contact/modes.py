@@ -52,7 +52,8 @@ SLOWEST = 1e-12
 again. An impulse removes the rest of the slip."""
 
 EVENTS_KEPT = 8
-"""Largest number of lists of events that are cached with a mode, so that its runs use the same drivers."""
+"""Largest number of compiled modes in the cache for each model of a mode. A mode is compiled anew for another list of
+the user's events. With the same list, runs use the same drivers."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,8 @@ SHARED = 1e-6
 """Forces of two solutions with the same rates that differ by more than this fraction of the largest are not unique."""
 
 MOST_CASES = 1024
-"""Largest number of combinations of states that are all tried. For more, pivoting finds one solution."""
+"""Largest number of combinations of contact states (open, closed, sliding, sticking) that are all tried. If there are
+more, pivoting finds one solution."""
 
 TURNS, LEAST_TURN = 300, 2.0**-12
 """Largest number of iterations for the direction in which a body begins to slide in a plane, and smallest relaxation
@@ -122,7 +123,10 @@ def solutions(
 
 
 def _noise(matrix: FloatArray, free: FloatArray, forces: FloatArray) -> FloatArray:
-    """Return the sizes (..., rows) below which the rates A f + b are rounding, for forces f (..., rows)."""
+    """Return the sizes (..., rows) below which the rates A f + b count as zero, because they are rounding errors.
+
+    `matrix` is A, `free` is b, and `forces` (..., rows) are f.
+    """
     return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(free) + np.abs(free).max(initial=0.0)))
 
 
@@ -177,7 +181,10 @@ class _Rows:
         return np.where(self.along & (sizes > 0), values / np.where(sizes > 0, sizes, 1.0), 0.0)
 
     def balance(self, forces: FloatArray, rates: FloatArray, states: NDArray[np.str_], ways: FloatArray) -> Balance:
-        """Return the solution with contact `states` (k,). `forces`, `rates` and `ways` of sliding are (rows,)."""
+        """Return one solution as a `Balance`: `forces` (rows,), `rates` (rows,), and the `states` (k,) of the contacts.
+
+        `ways` (rows,) has the directions of sliding.
+        """
         directions = (ways[self.members[:, i]] if state == SLIDING else None for i, state in enumerate(states))
         return Balance(forces, rates, tuple(states.tolist()), tuple(directions))
 
@@ -267,11 +274,12 @@ def _obeys(
 
 
 def _by_pivoting(matrix: FloatArray, free: FloatArray, rows: _Rows, machine: Machine | None) -> list[Balance]:
-    """Return a list with a solution by Lemke's method, or an empty list.
+    """Return a list with one solution by Lemke's method, or an empty list.
 
-    The cone of friction in a plane becomes a pyramid with four sides. A contact that slides already has one unknown:
-    the normal force, to which its friction force is proportional. Another contact has one more unknown for each side of
-    its pyramid, and its sliding speed as a multiplier, as in Stewart and Trinkle.
+    `matrix` (rows, rows) is A, and `free` (rows,) is b. `machine` compiles the method; it is plain Python if None. The
+    cone of friction in a plane becomes a pyramid with four sides. A contact that slides already has one unknown: the
+    normal force, to which its friction force is proportional. Another contact has one more unknown for each side of its
+    pyramid, and its sliding speed as a multiplier, as in Stewart and Trinkle.
     """
     units = np.eye(len(free))
     normals, side_rows = units[rows.normals], np.repeat(np.flatnonzero(rows.along & ~rows.slides[rows.contact]), 2)

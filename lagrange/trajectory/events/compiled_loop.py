@@ -28,7 +28,7 @@ ENOUGH = 16
 """Smallest number of steps from which the length of a run is estimated, because the first steps are short."""
 
 CHANGE_STEPS = 8
-"""Number of steps whose search for events on arrays takes as long as one reset."""
+"""Cost of a reset outside the compiled loop, as the number of steps that are searched on arrays in the same time."""
 
 
 @dataclass(eq=False)

@@ -77,7 +77,7 @@ class Breaks:
         return self._count
 
     def append(self, row: int, whole: tuple[float, FloatArray] | None) -> None:
-        """Add a break after the stored state with index `row`.
+        """Add a break, where a new smooth piece of motion begins, after the stored state with index `row`.
 
         `whole` is the time and state at the end of the full step if the step was shortened, else None.
         """
@@ -85,9 +85,10 @@ class Breaks:
         self.extend(np.array([row]), np.array([end]), state[None])
 
     def extend(self, rows: NDArray[np.int64], times: FloatArray, states: FloatArray) -> None:
-        """Add breaks after the stored states with the indices `rows` (k,).
+        """Add breaks, where new smooth pieces of motion begin, after the stored states with the indices `rows` (k,).
 
-        `times` (k,) and `states` (k, 2n) are the ends of the full steps that were shortened, NaN for other steps.
+        If the step that ends at a break was shortened, `times` (k,) and `states` (k, 2n) have the end of the full step.
+        They are NaN for other steps.
         """
         if len(rows):
             self._parts.append((rows, times, states))

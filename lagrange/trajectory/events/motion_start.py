@@ -71,8 +71,8 @@ def sides_after_events(
 
 
 SMALL_FRACTION = 2.0**-26
-"""Fraction of a step over which the slope of an event is measured at the start of a motion. A slope below this fraction
-of the largest value on the step counts as zero."""
+"""Fraction of a step over which the slope of an event function is measured just after a reset. With this slope the
+function changes over the step. A change below the same fraction of its largest value on the step counts as zero."""
 
 
 def still_passes(model: Model, kernel: Kernel, events: Sequence[ModelEvent], index: int, sample: Sample) -> bool:

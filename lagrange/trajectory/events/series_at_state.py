@@ -104,11 +104,12 @@ def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray) -> Flo
 def leaving(
     g: FloatArray, margin: float = math.inf, unit: float = 1.0, tolerance: float = 0.0, noise: float = math.inf
 ) -> tuple[int, int]:
-    """Return the sign of a function with series g just after a start at zero, and the order of its leading term.
+    """Return the sign of a function just after a start at zero, and the order of the term that decides the sign.
 
-    If g stays zero, the sign is 0 and the order -1. If g is not zero at its start, up to rounding and the `margin`, the
-    result is its sign there and the order 0. Terms are compared at a time `unit`, or at the end of the accurate range
-    of g, by its tolerance and noise.
+    `g` (order + 1,) is the Taylor series of the function. If its value at the start exceeds the `margin` plus rounding,
+    the result is the sign of this value and the order 0. If all terms are rounding, g stays zero: the sign is 0 and the
+    order -1. Terms are compared at the time `unit`, or at the end of the accurate range of g if that is earlier. In
+    this range the truncation error of g is below its relative `tolerance`, or below its rounding error `noise`.
     """
     sign, order = called(event_series.start_of_series.form())(g.tolist(), len(g), unit, tolerance, noise, margin)
     return sign, order

@@ -365,7 +365,10 @@ class SeriesWatch(EventLog):
         return surfaces
 
     def go_on(self, state: DriverState) -> None:
-        """Pass the present signs of surfaces to the driver, and make it return at its next step for inspection."""
+        """Pass the present signs of the switching surfaces to the driver, since the forces depend on them.
+
+        At its next step the driver returns, so that this object inspects the state there.
+        """
         values = self.values
         if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
             self.driver.use(values)
@@ -405,11 +408,11 @@ class SeriesWatch(EventLog):
 
     @property
     def jumps(self) -> int:
-        """The number of jumps of the state."""
+        """The number of resets of the state, and of short steps without a Taylor series, so far in the run."""
         return int(self.memory.record.jumps)
 
     def jump(self) -> None:
-        """Count a jump of the state."""
+        """Count a jump of the state by a reset, or a short step without a Taylor series, in the memory of the loop."""
         self.memory.record.jumps += 1
 
     def event_of(self, zero: EventZero) -> ModelEvent:

@@ -16,7 +16,8 @@ from lagrange.machine.backend import Kernel, Places
 from lagrange.trajectory.trajectory import FloatArray
 
 FULL_AT_ONCE = 12
-"""Largest number of steps whose event functions are sampled together at the full degree."""
+"""Largest number of steps in a batch whose event functions are all sampled at 17 nodes. In a larger batch they are
+sampled at 9 nodes first, and at 17 only on steps that may have an event."""
 
 
 class StepsPath(Protocol):
@@ -31,7 +32,7 @@ class StepsPath(Protocol):
         """The accepted states, (S+1, 2n)."""
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
-        """Return the states (2n, k, K) at the fractions theta (K,) of each of the steps (k,)."""
+        """Return the states (2n, k, K) at the fractions theta (K,) of each of the k steps with the indices `steps`."""
 
 
 PathOf = Callable[[FloatArray, FloatArray], StepsPath]
@@ -48,16 +49,19 @@ class Window:
 
     @property
     def times(self) -> FloatArray:
-        """The accepted times."""
+        """The accepted times of these steps, (S+1,)."""
         return self.path.times[self.begin : self.end + 1]
 
     @property
     def states(self) -> FloatArray:
-        """The accepted states."""
+        """The accepted states of these steps, (S+1, 2n)."""
         return self.path.states[self.begin : self.end + 1]
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
-        """Return the states (2n, k, K) at the fractions theta (K,) of each of the steps (k,)."""
+        """Return the states (2n, k, K) at the fractions theta (K,) of each of k steps.
+
+        `steps` (k,) are the indices of the steps, counted from `begin`.
+        """
         return self.path.inside(steps + self.begin, theta)
 
 
@@ -115,7 +119,11 @@ class StepBatch:
 
     @classmethod
     def of(cls, kernel: Kernel, rates: Callable[[], Kernel], parameters: FloatArray, path: StepsPath) -> StepBatch:
-        """Return the batch of all steps of a path, with its event functions sampled."""
+        """Return the batch of all steps of a path, with its event functions sampled.
+
+        `kernel` evaluates the event functions, and `rates()` returns the kernel of their time derivatives. `parameters`
+        (k,) are the parameters of the model.
+        """
         times, states = path.times, path.states.T
         ends = kernel(times, states, parameters)
         tilt = perturbation_factors(len(states) + 1)
@@ -197,7 +205,10 @@ def state_noise(
 
 
 def _sampled(path: StepsPath, steps: Places, degree: int) -> FloatArray:
-    """Return the states (2n, k, degree + 1) of k steps at Chebyshev nodes; the outermost ones are accepted states."""
+    """Return the states (2n, k, degree + 1) at the Chebyshev nodes of k steps of a path.
+
+    `steps` (k,) are the indices of the steps. The outermost nodes of a step have its accepted states.
+    """
     size, inner = path.states.shape[1], nodes(degree)[1:-1]
     states = np.empty((size, len(steps), degree + 1))
     states[..., 0], states[..., -1] = path.states[steps].T, path.states[steps + 1].T
@@ -206,7 +217,11 @@ def _sampled(path: StepsPath, steps: Places, degree: int) -> FloatArray:
 
 
 def _along(kernel: Kernel, parameters: FloatArray, path: StepsPath, steps: Places, states: FloatArray) -> FloatArray:
-    """Return the event functions (E, k, degree + 1) at the nodes of k steps, with states (2n, k, degree + 1)."""
+    """Return the event functions (E, k, degree + 1) at the Chebyshev nodes of k steps of a path.
+
+    `kernel` evaluates the event functions. `steps` (k,) are the indices of the steps, and `states` (2n, k, degree + 1)
+    the states at their nodes.
+    """
     size, count, points = states.shape
     start, end = path.times[steps][:, None], path.times[steps + 1][:, None]
     times = start + (end - start) * nodes(points - 1)

@@ -205,7 +205,7 @@ class StepWatch(EventLog):
             self.whole = None if math.isnan(end) else (end, memory.break_states[last].copy())
 
     def collect(self) -> None:
-        """Read only the events and resets from the memory of machine code."""
+        """Read the events and resets that machine code has stored, but not the signs of the event functions."""
         self.memory.collect(self, self.breaks)
 
     def _ahead(self, path: StepsPath, steps_before: int) -> Cut | None:

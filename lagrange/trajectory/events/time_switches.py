@@ -25,13 +25,16 @@ SIDES_PER_STEP = 4
 """Number of times within a longest step at which the signs of surfaces are compared, at most the number of stages."""
 
 SWITCH_MARGIN = 2.0
-"""Distance before a surface at which a step ends, in spacings of times: rounding changes times of stages by one."""
+"""Distance before a switching surface of time at which a step ends, in spacings of floating-point times. Rounding
+changes the times of the step's stages by one spacing."""
 
 TOGETHER = 4
-"""Largest distance between the last time before a surface and the first time after it, in spacings of times."""
+"""Largest distance between the last time before a change of sign of a surface and the first time after it, in spacings
+of floating-point times. At the times between them the function of the surface may round to zero."""
 
 LEAST = 2.0**-80
-"""Shortest interval over a surface, as a fraction of the run. Spacings of times near 0 are too small for a path."""
+"""Shortest time, as a fraction of the run, by which a run moves from before a switching surface to after it. Spacings
+of floating-point times near 0 are too small for a path over this interval."""
 
 SPREAD = 2.0 ** np.arange(32)
 """Distances from an estimate of the time at which a surface changes sign, in spacings of times, at which its sign is

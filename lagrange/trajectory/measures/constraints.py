@@ -181,7 +181,8 @@ CANCELS = 0.5
 """The terms of a constraint cancel if the constraint is below this fraction of their sizes."""
 
 DRIFT_SAMPLES = 9
-"""Number of states along the run from which the largest entries are taken."""
+"""Number of states along the run from which the scale of violations of a constraint without cancelling terms is
+computed. The scale is the largest of their values."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -32,8 +32,8 @@ NEAR_LIMIT = 0.6
 most 0.7, and only at rtol = 1e-3. The steps of stiff runs vary from about 0.7 to 1."""
 
 MOST_OVERSHOOT = 1.5
-"""Largest step, relative to the limit, with step control. Fixed steps may exceed the limit by more, but the run then
-fails."""
+"""Length of a step, relative to the limit of stability, from which on the message calls it beyond the limit and not
+near the limit. Steps with step control are shorter. Longer fixed steps are possible, but the run then fails."""
 
 SLOWER = 30.0
 """The solution must change more slowly than the limiting mode by this factor. Otherwise the steps resolve the mode."""
@@ -43,8 +43,8 @@ NEGLIGIBLE = 1e-4
 masses. The stiff spring of a pendulum moves so little that its velocity is only the error that the tolerance allows."""
 
 LET_THROUGH = 10.0
-"""Change of a velocity over a step that the tolerance allows, in units of rtol times the speed. An undamped oscillation
-that the steps do not resolve grows to 1 to 7 of these units for dopri5 and tsit5."""
+"""Change of a velocity over a step that may be an error within the tolerance, in units of rtol times the speed. An
+undamped oscillation that the steps do not resolve grows to 1 to 7 of these units for dopri5 and tsit5."""
 
 REMEDY = "radau5"
 """Recommended method for stiff runs."""
@@ -55,7 +55,8 @@ LIMITS = {
     Status.MAX_MEMORY: "max_memory is used up",
     Status.STEP_TOO_SMALL: "the next step is below the spacing of floating-point times",
 }
-"""Statuses of runs whose steps became too short, with their description."""
+"""Statuses of runs that ended early and may be stiff, since too many steps or too short ones ended them, each with its
+text for the message."""
 
 Polynomial = tuple[float, ...]
 """Coefficients of a polynomial, lowest power first."""
