@@ -11,9 +11,8 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
-from lagrange.algorithm.dense.block import StepPolynomial
+from lagrange.algorithm.dense.block import StepPolynomial, chebyshev_points
 from lagrange.algorithm.dense.polynomials import hermite_polynomial, runge_kutta_polynomial
-from lagrange.algorithm.events.samples import nodes
 from lagrange.errors import RunError
 from lagrange.machine.backend import DensePath, FloatArray, Places, Series
 from lagrange.machine.model import Model
@@ -303,7 +302,7 @@ class StepInterpolant:
         solver's times at both ends, which may count from another origin.
         """
         first, last = solver_times
-        x = nodes(degree)[:, None]
+        x = chebyshev_points(degree)[:, None]
         if len(x) == 2 or abs(last - first) < FEWEST_SPACINGS * float(np.spacing(max(abs(first), abs(last)))):
             values = (1 - x) * ends[0] + x * ends[1]
         else:
@@ -364,7 +363,7 @@ def _shares(count: int, theta: FloatArray) -> FloatArray:
     The points and theta are fractions of a step. Source: J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange
     interpolation, SIAM Review 46 (2004) 501, (4.2) and (5.4).
     """
-    away = theta[:, None] - nodes(count - 1)
+    away = theta[:, None] - chebyshev_points(count - 1)
     hits = away == 0
     weights = np.where(np.arange(count) % 2, -1.0, 1.0)
     weights[[0, -1]] /= 2

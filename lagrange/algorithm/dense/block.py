@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,6 +51,12 @@ machine has prepared for the kind of path, the number of columns, the steps and 
 work memory, and the coefficients. The coefficient of power k and entry j, in the fraction of step b, has the index (k *
 2n + j) * columns + b.
 """
+
+
+@lru_cache(maxsize=16)
+def chebyshev_points(degree: int) -> NDArray[np.float64]:
+    """Return the extrema (degree + 1,) of Chebyshev's polynomial of a degree on [0, 1], from 0 to 1."""
+    return np.asarray(np.sin(np.pi * np.arange(degree + 1) / (2 * degree)) ** 2)
 
 
 class WorkSize(NamedTuple):

@@ -28,6 +28,7 @@ from lagrange.algorithm.dense.block import (
     StepPolynomial,
     WorkSize,
     block_type,
+    chebyshev_points,
     mend,
     steps_in,
     weighted,
@@ -51,8 +52,8 @@ def hermite_polynomial(order: int) -> StepPolynomial:
     if order == 3:
         return StepPolynomial(hermite, ROOM, 3, 0, np.zeros(1), vectors=0)
     inner, contributions = slice(1, -1), weights(order)
-    integrals = np.asarray(nodes(order)[:, None] ** np.arange(order + 2) @ contributions.T)
-    parts = nodes(order)[inner], integrals[inner, inner].ravel(), contributions[inner].T.ravel()
+    integrals = np.asarray(chebyshev_points(order - 1)[:, None] ** np.arange(order + 2) @ contributions.T)
+    parts = chebyshev_points(order - 1)[inner], integrals[inner, inner].ravel(), contributions[inner].T.ravel()
     return StepPolynomial(hermite, ROOM, order + 1, order - 2, np.concatenate(parts), vectors=2 * (order - 2))
 
 
@@ -229,18 +230,13 @@ def write(block: PolynomialBlock, cubic: Cubic, changes: In) -> None:
                 coefficients[x] = weighted(coefficients[x], changes, total, x, line, 0, stages)
 
 
-def nodes(count: int) -> FloatArray:
-    """Return the `count` extrema of Chebyshev's polynomial of degree `count` - 1 on [0, 1], including both ends."""
-    return np.asarray(np.sin(np.pi * np.arange(count) / (2 * (count - 1))) ** 2)
-
-
 def weights(count: int) -> FloatArray:
     """Return for each node the contribution of a slope of 1 at the node to the path, by powers of theta.
 
     The shape is (count, count + 2). A contribution is the integral of the node's Lagrange polynomial, minus a
     cubic, so that it is zero at theta = 1.
     """
-    points = nodes(count)
+    points = chebyshev_points(count - 1)
     shares = np.zeros((count, count + 2))
     for i, node in enumerate(points):
         other_points = np.delete(points, i)

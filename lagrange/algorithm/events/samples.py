@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.constants import RELATIVE_PERTURBATION, WIDEST_VECTOR
-from lagrange.algorithm.dense.block import COLUMNS, POLYNOMIAL, BlockSteps, gather, steps_in
+from lagrange.algorithm.dense.block import COLUMNS, POLYNOMIAL, BlockSteps, chebyshev_points, gather, steps_in
 from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, EPSILON, LARGEST_NOISE, NOISE, SURELY, TAIL, TINY
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.decorators import Bundle, Stated, inline, procedure
@@ -43,12 +43,6 @@ halved. A polynomial event function of at most this degree is represented exactl
 
 COARSE = 8
 """Degree at which many steps are sampled first. It suffices to prove that most functions keep their sign."""
-
-
-@lru_cache(maxsize=8)
-def nodes(degree: int = DEGREE) -> FloatArray:
-    """Return the sampling points (degree + 1,) in [0, 1], including both ends."""
-    return np.asarray(np.sin(np.pi * np.arange(degree + 1) / (2 * degree)) ** 2)
 
 
 @lru_cache(maxsize=8)
@@ -408,7 +402,7 @@ class Samples:
         values are in `lines.coarse`. For `lines.moved` the start is perturbed by a small part of the range of
         the state.
         """
-        columns, thetas, step, n = self.columns, nodes(COARSE).tolist(), self.block(), self.dimension
+        columns, thetas, step, n = self.columns, chebyshev_points(COARSE).tolist(), self.block(), self.dimension
         wide, total, factor_of_time = Widths.of(columns).wide, n * columns, self.factors[n]
         for b in self.each_column():
             t, end = step.t[b], lines.t_end[b]
@@ -443,7 +437,7 @@ class Samples:
 
         Return True if an event function has no value at a node.
         """
-        columns, thetas, step = self.columns, nodes().tolist(), self.block()
+        columns, thetas, step = self.columns, chebyshev_points(DEGREE).tolist(), self.block()
         full, total = Widths.of(columns).full, self.dimension * columns
         for b in self.each_column():
             for k, time in enumerate(times_at(step.t[b], lines.t_end[b], thetas)):
@@ -476,7 +470,7 @@ class Samples:
         total, t = self.dimension * columns, step.t[b]
         h, fractions = lines.t_end[b] - t, reals(part, room=WIDEST_VECTOR)
         for k in unrolled(part):
-            fractions[k] = nodes().tolist()[k] if k <= DEGREE else 1.0
+            fractions[k] = chebyshev_points(DEGREE).tolist()[k] if k <= DEGREE else 1.0
         for k in each(part, width=columns):
             lines.part_time[k] = fma(h, fma(width, fractions[k], start), t)
         for j in range(self.dimension):

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.dense.block import chebyshev_points
 from lagrange.algorithm.events.constants import (
     DEEPEST_HALVING,
     EPSILON,
@@ -23,7 +24,7 @@ from lagrange.algorithm.events.constants import (
     UNFIT,
 )
 from lagrange.algorithm.events.roots import roots as root_isolation
-from lagrange.algorithm.events.samples import DEGREE, local_polynomial, nodes, to_chebyshev
+from lagrange.algorithm.events.samples import DEGREE, local_polynomial, to_chebyshev
 from lagrange.machine.python_source import called
 from lagrange.trajectory.events.step_batch import Sample, StepBatch
 from lagrange.trajectory.trajectory import FloatArray
@@ -172,7 +173,7 @@ def local_polynomials(
             halvings += 1
             above = _size(samples) if depth == DEEPEST_HALVING - POLE_LEVELS else above
             for begin in (start + width / 2, start):
-                stack.append((begin, depth + 1, g(begin + width / 2 * nodes()), tail, above))
+                stack.append((begin, depth + 1, g(begin + width / 2 * chebyshev_points(DEGREE)), tail, above))
         elif not finite or (depth == DEEPEST_HALVING and _size(samples) > 1e3 * above):
             yield LocalPolynomial(start, width, NOWHERE, noise)
             return
@@ -320,7 +321,7 @@ def _integrated(sample: Sample, index: int, piece: LocalPolynomial) -> LocalPoly
     the values of the function, and is returned if a derivative is not finite. The derivative avoids the rounding of a
     large constant in the function, such as the height of the floor on which a ball lands.
     """
-    values = sample.rates(piece.width * nodes())[index] * piece.width
+    values = sample.rates(piece.width * chebyshev_points(DEGREE))[index] * piece.width
     if not np.isfinite(values).all():
         return piece
     size, chebyshev = float(np.abs(values).max()), to_chebyshev() @ values
@@ -348,10 +349,10 @@ def rests(batch: StepBatch, step: int, sample: Sample, index: int) -> bool:
     the time derivative of the function along the solution, since the dense output deviates from the solution by more
     than rounding.
     """
-    return bool((np.abs(sample.rates(nodes())[index]) <= batch.sensitive[index, step]).all())
+    return bool((np.abs(sample.rates(chebyshev_points(DEGREE))[index]) <= batch.sensitive[index, step]).all())
 
 
 def velocity(sample: Sample, index: int) -> float:
     """Return the time derivative of an event function at the start of a step; 0 if it is within its noise."""
-    rates = sample.rates(nodes())[index]
+    rates = sample.rates(chebyshev_points(DEGREE))[index]
     return 0.0 if abs(rates[0]) <= RATE_NOISE * np.abs(rates).max() else float(rates[0])

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.constants import RELATIVE_PERTURBATION, perturbation_factors
+from lagrange.algorithm.dense.block import chebyshev_points
 from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, NOISE, SURELY, TAIL
-from lagrange.algorithm.events.samples import COARSE, DEGREE, nodes, to_chebyshev
+from lagrange.algorithm.events.samples import COARSE, DEGREE, to_chebyshev
 from lagrange.machine.backend import Kernel, Places
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -209,7 +210,7 @@ def _sampled(path: StepsPath, steps: Places, degree: int) -> FloatArray:
 
     `steps` (k,) are the indices of the steps. The outermost nodes of a step have its accepted states.
     """
-    size, inner = path.states.shape[1], nodes(degree)[1:-1]
+    size, inner = path.states.shape[1], chebyshev_points(degree)[1:-1]
     states = np.empty((size, len(steps), degree + 1))
     states[..., 0], states[..., -1] = path.states[steps].T, path.states[steps + 1].T
     states[..., 1:-1] = path.inside(steps, inner)
@@ -224,6 +225,6 @@ def _along(kernel: Kernel, parameters: FloatArray, path: StepsPath, steps: Place
     """
     size, count, points = states.shape
     start, end = path.times[steps][:, None], path.times[steps + 1][:, None]
-    times = start + (end - start) * nodes(points - 1)
+    times = start + (end - start) * chebyshev_points(points - 1)
     times[:, -1:] = end
     return kernel(times.ravel(), states.reshape(size, -1), parameters).reshape(-1, count, points)
