@@ -236,7 +236,7 @@ class _Lowering:
             square = self.emit("mul", half, half)
             return self.emit("mul", square, base) if exponent % 2 else square
         if isinstance(exponent, Fraction) and exponent.denominator == 2 and exponent <= 32:
-            whole = self.power(base, int(exponent - Fraction(1, 2)))
+            whole = self.power(base, int(exponent))
             return self.emit("mul", whole, self.emit("sqrt", base))
         return self.emit("power", base, self.constant(exponent))
 

@@ -51,6 +51,8 @@ def test_a_store_has_what_memory_has(whole: lg.Ensemble, stored: Path) -> None:
     again = run(store=stored)
     assert columns(again) == columns(whole) and again.form == "all members were stored"
     assert np.array_equal(again.y, whole.y)
+    last = len(GRID) - 1  # its block is not the first one
+    assert np.array_equal(again.results.row("state", last), whole.results.row("state", last))
     group = zarr.open_group(str(stored), mode="r")
     assert np.array_equal(group["x_end"][:], whole.y[0]) and np.array_equal(group["x_start"][:], whole.given("x"))
     assert group.attrs["statuses"][int(group["status"][0])] == whole.status[0].value

@@ -69,8 +69,7 @@ def test_a_double_pendulum_takes_less_than_200_kb_and_nothing_from_elsewhere(pag
     assert set(re.findall(r"https?://[^\"' ]*", text)) == {"http://www.w3.org/1998/Math/MathML"}
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("scene", ["double-pendulum", "four-bar", "two-point-vortices"])
+@pytest.mark.parametrize("scene", ["double-pendulum", pytest.param("four-bar", marks=pytest.mark.slow)])
 def test_the_page_has_the_exported_bytes(scene: str, tmp_path: Path, page_of: Pages) -> None:
     system = shared_scene(scene)
     file, _ = system.export("javascript", tmp_path, contents(system.statement)).files

@@ -117,6 +117,8 @@ def test_powers_are_multiplications_and_roots_where_they_can_be(b: Bench) -> Non
     assert b.every_time(b.x ** Fraction(3, 2)) == Counter(state=1, mul=1, sqrt=1)
     assert b.every_time(b.x ** Fraction(1, 3)) == Counter(state=1, power=1)
     assert b.every_time(b.x**65) == Counter(state=1, power=1)
+    assert b.every_time(b.x**2 * b.u**3) == Counter(state=2, mul=4)
+    assert b.every_time(b.x**2 * b.u**-2) == Counter(state=2, mul=2, div=1)
 
 
 def test_roots_outside_their_domain_are_nan_and_not_zero(b: Bench) -> None:
