@@ -235,7 +235,6 @@ def module_of(
         divided = kernel(alone, prepared, "divisors", ABOUT["divisors"], names=names.of(alone))
         procedures |= {name: guarded(procedures[name], divided) for name in (*SOLVED, "local") if name in procedures}
     prune = Pruner().pruned
-    relations = bool(model.equations.first_order)
     integrators = tuple(_integrator(name, step, model, procedures, prune) for name, step in requested.methods)
     tested = fixed(alone, prepared) if alone else ()
     preparing = prepare(prepared, PREPARE, names=names.of(prepared.program), divisors=tested)
@@ -243,7 +242,8 @@ def module_of(
     if requested.taylor:
         least = STEPS_UNDER_BRIEF_FORCE if model.equations.structure.brief else 0
         program, projection = model.series()[0].program, procedures.get("projection")
-        series = TaylorProcedures(program, prepared.size, least, projection, relations=relations)
+        known = {"relations": bool(model.equations.first_order), "rotations": bool(statement.rotations)}
+        series = TaylorProcedures(program, prepared.size, least, projection, **known)
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
         integrators = (*integrators, ExportedIntegrator(TAYLOR, prune(series.taylor()), adaptive=True))
     preparing = prune(preparing)

@@ -242,7 +242,7 @@ SWITCHED = ("friction", "functions")
 """Systems whose series branch on sides of surfaces."""
 SLOW = ("double-pendulum", "cartesian-double-pendulum", "rolling-disc", "chain-of-springs")
 RUNS = [
-    *(("kepler", 1e-6), ("pleiades", 1e-15)),
+    *(("kepler", 1e-6), ("pleiades", 1e-15), ("heavy-top", 1e-9)),
     *(pytest.param(*row, marks=pytest.mark.slow) for row in (("kepler", 1e-15), ("pleiades", 1e-6))),
     *(pytest.param(scene, rtol, marks=pytest.mark.slow) for scene in SLOW for rtol in (1e-6, 1e-15)),
 ]

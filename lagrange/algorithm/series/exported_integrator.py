@@ -26,14 +26,12 @@ from lagrange.algorithm.step.memory import Counts, Run
 from lagrange.algorithm.taylor.loop import taylor_steps
 from lagrange.algorithm.taylor.memory import (
     JET,
-    LEAST_MARGIN,
     SMALLEST_RTOL,
-    STEP_MARGIN,
-    TIGHT_RTOL,
     Held,
     OutputCounts,
     TaylorLayout,
     TaylorState,
+    step_margin,
 )
 from lagrange.algorithm.taylor.watched_functions import Arguments
 from lagrange.errors import LagrangeError, StatementError
@@ -78,9 +76,9 @@ class TaylorProcedures:
 
     The numbers of the series that depend on parameters alone are stored in the array p from index `begin` on. A run
     takes at least `steps_at_least` steps. `projection` computes the corrections of a state onto its constraints.
-    With `relations` some constraints determine the velocities of coordinates of first order. With `watches` the
-    series may have event functions, for callers that use single procedures. Raises StatementError for a system with
-    switching surfaces.
+    With `relations` some constraints determine the velocities of coordinates of first order. With `rotations` the
+    state contains quaternions. With `watches` the series may have event functions, for callers that use single
+    procedures. Raises StatementError for a system with switching surfaces.
     """
 
     program: SeriesProgram
@@ -89,6 +87,7 @@ class TaylorProcedures:
     projection: Procedure | None = None
     watches: bool = False
     relations: bool = False
+    rotations: bool = False
 
     def __post_init__(self) -> None:
         if self.program.sides or (self.program.watched and not self.watches):
@@ -171,8 +170,9 @@ class TaylorProcedures:
         """Return the procedure that runs from a start time to an end time by Taylor series."""
         jet, layout = self.jet
         functions = {"jet": jet} if self.projection is None else {"jet": jet, "projection": self.projection}
-        known = {"highest": self.highest, "steps_at_least": self.steps_at_least, "relations": self.relations}
-        form = taylor_run.form(layout=layout, orders=tuple(self.orders), **known)
+        known = {"highest": self.highest, "steps_at_least": self.steps_at_least}
+        flags = {"relations": self.relations, "rotations": self.rotations}
+        form = taylor_run.form(layout=layout, orders=tuple(self.orders), **known, **flags)
         return replace(bound(form, functions, prefix="taylor_"), name="taylor")
 
 
@@ -262,6 +262,7 @@ def taylor_run(
     highest: int,
     steps_at_least: int,
     relations: bool,
+    rotations: bool,
 ) -> Outcome:
     """Run from the state y at time t[0] to t_end by Taylor series, and return an outcome.
 
@@ -269,14 +270,14 @@ def taylor_run(
     `max_steps` steps. `of` are the functions of the system, and `p` has the parameters and the numbers computed
     from them. The order follows from `rtol` and the pairs (tolerance, order) in `orders`; `highest` is the
     highest of them. No step is longer than the run divided by `steps_at_least`, unless that is 0. With
-    `relations` some constraints determine velocities.
+    `relations` some constraints determine velocities. With `rotations` the state contains quaternions.
     """
     n, projection = layout.dimension, of.projection
     if projection is not None and not starts_on_constraints(projection, p, t[0], y, dimension=n, relations=relations):
         return Outcome.UNPROJECTED
     tolerance_used = SMALLEST_RTOL if rtol < SMALLEST_RTOL else rtol
     order = order_at(tolerance_used, orders)
-    margin = STEP_MARGIN if tolerance_used >= TIGHT_RTOL else LEAST_MARGIN
+    margin = step_margin(tolerance_used, rotations)
     arguments = begin(of, p, order, highest, layout)
     run, floors, work = arguments.run, arguments.floors, arguments.work
     run.t, run.start, run.end, run.rtol, run.previous = t[0], t[0], t_end, margin * tolerance_used, 1.0

@@ -28,6 +28,22 @@ of time. Over 100,000 Kepler orbits (e = 0.6) it stays below 500 units of roundi
 reaches 2,900.
 """
 
+QUATERNION_MARGIN = 0.125
+"""Further factor on the tolerances of a system with rotations. Errors of steps change the lengths of quaternions. With
+this factor the lengths stay within 1e-13 of 1 over 1e5 steps at the default tolerance.
+"""
+
+
+@inline
+def step_margin(rtol: float, rotations: bool) -> float:
+    """Return the truncation error at which Taylor steps aim, as a fraction of the relative tolerance `rtol`.
+
+    `rotations` is true if the coordinates of the system contain quaternions.
+    """
+    margin = STEP_MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
+    return margin * QUATERNION_MARGIN if rotations else margin
+
+
 SMALLEST_RTOL = 2.0**-53
 """Smallest relative tolerance: the precision of doubles."""
 

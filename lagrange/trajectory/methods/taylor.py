@@ -12,7 +12,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from lagrange.algorithm.taylor.memory import LEAST_MARGIN, LOWEST_ORDER, SMALLEST_RTOL, STEP_MARGIN, TIGHT_RTOL
+from lagrange.algorithm.taylor.memory import LOWEST_ORDER, SMALLEST_RTOL, step_margin
 from lagrange.errors import StatementError, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series
@@ -67,8 +67,7 @@ class Taylor:
         """Return the plan of a run: the Taylor series of the system, its order, the tolerances, and the events."""
 
         def margin(rtol: float) -> float:
-            fraction = STEP_MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
-            return fraction * QUATERNION_MARGIN if problem.model.statement.rotations else fraction
+            return step_margin(rtol, bool(problem.model.statement.rotations))
 
         tolerances = adaptive_settings(
             self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=margin
@@ -137,12 +136,6 @@ class TaylorPlan:
             return SeriesPath(self.series, self.order, ((0, parameters),), times, states)
         paths = {i: hermite_path(4)(problem, times[i : i + 2], states[i : i + 2]) for i in watch.continuations.rows}
         return SeriesPath(self.series, self.order, tuple(watch.epochs), times, states, paths)
-
-
-QUATERNION_MARGIN = 0.125
-"""Further factor on the tolerances of a system with rotations. Errors of steps change the lengths of quaternions. With
-this factor the lengths stay within 1e-13 of 1 over 1e5 steps at the default tolerance.
-"""
 
 
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
