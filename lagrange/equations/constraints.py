@@ -1,4 +1,6 @@
-"""Constraints as graph nodes: psi = 0 on velocities, G a + gamma = 0 on accelerations, and forces G^T lambda.
+"""Constraints as graph nodes: psi = 0 on velocities, G a + gamma = 0 on accelerations, and forces +G^T lambda.
+
+The sign of a multiplier is chosen here for compiled equations, and in `derivation.py` for printed ones.
 
 A holonomic constraint phi(q, t) = 0 is differentiated: psi = dphi/dt = (dphi/dq) v + dphi/dt. If a constraint is stated
 in velocities, psi is the stated expression. Then G = dpsi/dv, and gamma is dpsi/dt without the term G a. The

@@ -1,6 +1,6 @@
 """Compare methods by work and precision: error and time of each at every tolerance or step size (`race`).
 
-All errors are relative to one reference solution.
+The methods that `race` compares by default are listed here. All errors are relative to one reference solution.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Write the self-test of an exported file, with its test data, and the program `main`, which runs the initial state.
+"""Write the self-test of an exported file, with its data and tolerance, and the program `main`, which makes a run.
 
 Both programs are filled in from the texts in the folder `templates`, in the same way for all languages.
 """

@@ -1,4 +1,7 @@
-"""Rewrite a statement in plain symbols for SymPy; shorten expressions, test whether they are zero, evaluate them."""
+"""Rewrite a statement in plain symbols for SymPy, and shorten expressions; refuse analyses with too long formulas.
+
+Functions here also test whether an expression is zero, and evaluate it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Vectors, matrices and quaternions in space: products, rotation matrices, angular velocities, values of rotations."""
+"""Vectors, matrices and quaternions in space: products, rotation matrices, angular velocities, moments of inertia.
+
+`check_triangle` refuses moments of inertia that no body has.
+"""
 
 from __future__ import annotations
 

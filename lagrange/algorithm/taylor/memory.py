@@ -1,4 +1,4 @@
-"""Memory of a Taylor step: layout of its work array, state of a run, and constants of Taylor steps.
+"""Memory of a Taylor step: layout of its work array, state of a run, tolerances and lowest order of steps.
 
 A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one number.
 """

@@ -1,4 +1,4 @@
-"""Say in a sentence how a typed term differs from the right one, and expand expressions into terms."""
+"""Say in a sentence how a typed term differs from the correct one, as in "has the wrong sign"; expand into terms."""
 
 from __future__ import annotations
 

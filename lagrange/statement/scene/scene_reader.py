@@ -1,4 +1,7 @@
-"""Read a scene file: its TOML text becomes a Statement. Every refusal names file, line and column."""
+"""Read a scene file: which keys it may have, and how its TOML text becomes a Statement.
+
+Every refusal names file, line and column.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a TOML file as data and find the line and column of each value, for messages; refuse unknown keys."""
+"""Read a TOML file as data and find the line and column of each value, for messages."""
 
 from __future__ import annotations
 

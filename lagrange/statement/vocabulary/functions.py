@@ -1,8 +1,9 @@
-"""Tables of all functions that expressions may contain: elementary functions, min, abs, conditions, and their names.
+"""Tables of all functions that expressions may contain: their names, and how Python, NumPy and mpmath compute them.
 
-All stages read these tables. Names in SymPy, in Python's `math`, in NumPy, in mpmath and in C follow from the name of
-an elementary function. If the function is missing in a language, or has another name, the file of that language says
-so. Square roots and cube roots are not in the tables, since they are powers.
+They are the elementary functions, min, max, abs and conditions. All stages read these tables. Names in SymPy, in
+Python's `math`, in NumPy, in mpmath and in C follow from the name of an elementary function. If the function is missing
+in a language, or has another name, the file of that language says so. Square roots and cube roots are not in the
+tables, since they are powers.
 """
 
 from __future__ import annotations

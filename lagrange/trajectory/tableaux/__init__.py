@@ -1,1 +1,1 @@
-"""Coefficients of integration methods as data, and the order conditions against which they are checked."""
+"""Coefficients of explicit Runge-Kutta methods as data, and the order conditions against which they are checked."""
