@@ -109,7 +109,10 @@ value."""
 
 
 def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
-    """Return the message for a run with fixed steps that fails because two motions cross ahead of y (2n,), else ""."""
+    """Return the message for a run with fixed steps that fails because two motions cross ahead of y (2n,), else "".
+
+    The next two steps of the signed length `step` are searched.
+    """
     if not len(problem.model.equations.constraints):
         return ""
     try:

@@ -73,7 +73,7 @@ class AcceptedStates:
     def begin_call(self, budget: int) -> tuple[FloatArray, FloatArray]:
         """Return memory for the times and states that the next call of the driver accepts, at most `budget` steps.
 
-        Each step and each reset takes a row. The last step takes another one.
+        Each step and each reset takes a row. One more row is reserved for the last step.
         """
         self._times, self._rows = np.empty(budget + 1), np.empty((budget + 1 + SPARE_ROWS, self._rows.shape[1]))
         self._calls += 1

@@ -91,8 +91,8 @@ def locates_events(integrator: Integrator) -> bool:
 class StepPlan:
     """The plan of a method whose step is a program, `step`, such as a Runge-Kutta step.
 
-    `path_of` returns the dense output from a problem and its accepted times (S+1,) and states (S+1, 2n). `form` says
-    how a step is computed, "" if there is no choice.
+    `tolerances` are the tolerances and step lengths of the driver. `path_of` returns the dense output from a problem
+    and its accepted times (S+1,) and states (S+1, 2n). `form` says how a step is computed, "" if there is no choice.
     """
 
     step: StepProgram
@@ -117,14 +117,20 @@ class StepPlan:
         return StepDriver(model.machine, self.step, model.law(law.quantity), parameters, derivative, projection)
 
     def watch(self, problem: Problem, driver: Driver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return the watcher, which finds the events of the run on the driver's steps, or None without events."""
+        """Return the watcher, which finds the events of the run on the driver's steps, or None without events.
+
+        `memory` is the memory of the watcher in a former run by this driver, which is used again, or None.
+        """
         if not problem.events:
             return None
         fixed = self.step.control is None
         return StepWatch(problem, partial(self.path_of, problem), fixed=fixed, memory=memory)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PathFunction:
-        """Return the dense output through accepted times (S+1,) and states (S+1, 2n), with jumps at resets."""
+        """Return the dense output through accepted times (S+1,) and states (S+1, 2n), with jumps at resets.
+
+        `watch` is the watcher of events, which has the resets, or None without events.
+        """
         dense = None if watch is None else watch.memory.dense
         path = self.path_of(problem, times, states) if dense is None else replace(dense, times=times, states=states)
         return (

@@ -288,7 +288,8 @@ class Flow:
     ) -> FloatArray:
         """Return the states (2n, N) at `times` (N,) of a run by `integrate`, which is slower but handles all cases.
 
-        If `times` is None, the result has all accepted states. Raises RunError with the message of a run that failed.
+        The run goes from the state `y0` (2n,) at `t0` to `t1`. If `times` is None, the result has all accepted states.
+        Raises RunError with the message of a run that failed.
         """
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values, t_eval=times)
@@ -323,9 +324,10 @@ def integrate(
     `initial` replaces entries of the statement's initial state, by coordinate, velocity or name. `method` is a
     registered name or an instance; `lg.methods.table()` lists them. Adaptive methods take `rtol` and `atol`, others a
     `step`. Without `atol` the absolute tolerance of an entry of the state follows its largest size so far. `t_eval`
-    (k,) are the output times; without it every accepted step is stored. `max_steps` is the largest number of trial
-    steps. `max_wall` is the time limit in seconds for the steps, and for compiling before them. `max_memory` is the
-    largest number of bytes for stored steps, by default a quarter of the machine's memory.
+    (k,) are the output times; without it every accepted step is stored. `events` are the events to locate. `parameters`
+    replaces values of the statement's parameters. `max_steps` is the largest number of trial steps. `max_wall` is the
+    time limit in seconds for the steps, and for compiling before them. `max_memory` is the largest number of bytes for
+    stored steps, by default a quarter of the machine's memory. With `progress` a bar is shown.
 
     A failure during the run ends it: `solution.status` is the reason, and the states until then are kept. Raises
     StatementError for an invalid request.

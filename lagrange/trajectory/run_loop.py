@@ -296,7 +296,7 @@ class _Run:
     def after_call(self, outcome: Outcome, pace: Pace) -> EventResult:
         """Return the result of a driver call that stopped with `outcome`: the run continues, ends, or has jumped.
 
-        Events on the steps of the call are handled here.
+        Events on the steps of the call are handled here. `pace` tests whether the run is slow.
         """
         state, watch, switches = self.state, self.watch, self.rows.switches
         if outcome is Outcome.DONE and switches is not None and switches.passes(state):

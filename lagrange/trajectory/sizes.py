@@ -54,7 +54,8 @@ def first_floors(
     """Return the least absolute tolerances (2n,) for a solver of another package, and the natural period of the motion.
 
     The least absolute tolerance (floor) of an entry is at least `share` times the size of the entry. `slopes` is the
-    right-hand side f(t, y). `left` is the signed time from t to the end of the run.
+    right-hand side f(t, y), and `layout` the layout of the state. `left` is the signed time from t to the end of the
+    run.
     """
     force_points = [(t + left * k / FORCE_SAMPLES, y) for k in range(FORCE_SAMPLES + 1)]
     sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, force_points)
@@ -237,7 +238,8 @@ def _fastest_rate(slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, 
 
     It is the spectral radius of the derivatives of accelerations by velocities, or the square root of that by
     coordinates if this is larger. It does not depend on the units of the entries. It is 0 if no acceleration changes
-    with the state by more than `noise` (n,), the noise of the accelerations.
+    with the state by more than `noise` (n,), the noise of the accelerations. `slopes` is the right-hand side f(t, y),
+    and `layout` the layout of the state.
     """
 
     def accelerations(state: FloatArray) -> FloatArray:

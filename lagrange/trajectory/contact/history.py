@@ -80,7 +80,10 @@ def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> Co
 
 @dataclass(frozen=True, eq=False)
 class ContactRun:
-    """The contacts along a run of a `model` with parameters (k,), at times t (N,) and states y (2n, N)."""
+    """The contacts along a run of a `model` with parameters (k,).
+
+    `trajectory` is the run, with N output times, and `history` has its modes and impacts.
+    """
 
     model: Model
     trajectory: Trajectory

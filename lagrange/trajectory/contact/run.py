@@ -116,8 +116,9 @@ class Bounces:
 
 
 RECENT, HURRIED = 100, 1e-4
-"""Test whether changes of the mode used up a limit of a run: the number of last changes, and their largest mean
-distance in time, as a fraction of the span."""
+"""Test whether frequent changes of the mode are the reason that a run reached one of its limits. The first number is
+the number of last changes that are examined. The second is their largest mean distance in time, as a fraction of the
+span."""
 
 SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
 """Test for missed impacts: smallest number of times in a segment at which open gaps are tested, and overlap that shows

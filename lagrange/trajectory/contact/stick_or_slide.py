@@ -52,8 +52,8 @@ all laws of contact, and all of these have converged."""
 class Friction:
     """The friction of one contact: the number of slip components, the coefficients, and the direction of sliding.
 
-    `way` is a unit vector (components,), or None if the surfaces do not slide yet. Without components there is no
-    friction.
+    `static` and `kinetic` are the coefficients of friction. `way` is a unit vector (components,), or None if the
+    surfaces do not slide yet. Without components there is no friction.
     """
 
     components: int = 0
@@ -234,9 +234,9 @@ def _forces(
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return forces and rates (C, rows) for C combinations of contact states, and a mask (C,).
 
-    The mask is True for combinations with a solution. `states` is (C, k), and `ways` (C, rows) are the directions of
-    sliding. Rates are zero where contacts are closed or stick. If contacts depend on each other, the forces are not
-    unique; the shortest force vector is returned.
+    `matrix` (rows, rows) is A, and `free` (rows,) is b. The mask is True for combinations with a solution. `states` is
+    (C, k), and `ways` (C, rows) are the directions of sliding. Rates are zero where contacts are closed or stick. If
+    contacts depend on each other, the forces are not unique; the shortest force vector is returned.
     """
     contact_states = states[:, rows.contact]
     active = np.where(rows.along, contact_states == STICKING, contact_states != OPEN)

@@ -268,7 +268,10 @@ class Transitions:
         return rows, balances[0]
 
     def _next(self, rest: _Rest) -> tuple[FloatArray, Mode, FloatArray]:
-        """Return the state (2n,) and the mode after a transition, and the accelerations (rows,) of gaps and slips."""
+        """Return the state (2n,) and the mode after a transition, and the accelerations (rows,) of gaps and slips.
+
+        `rest` has the contacts after the impacts of the transition.
+        """
         (touch, resting, near, end, beginning), kin, count = rest, self.kinematics, len(self.kinematics.contacts)
         states, ways = [OPEN] * count, list[int | None]([None] * count)
         slides: dict[int, FloatArray] = {}
@@ -316,7 +319,10 @@ class Transitions:
         return max(self._slowest, noise) if len(along) > 1 else noise
 
     def _with_constraints(self, touch: ContactState, mode: Mode) -> Mode:
-        """Return a mode with the indices of its `independent` constraints, and `immobile` if they leave no freedom."""
+        """Return a `mode` with the indices of its `independent` constraints, and `immobile` if they leave no freedom.
+
+        The constraints are tested at the state of the contacts `touch`.
+        """
         kin, independent = self.kinematics, None
         held = kin.held_rows(mode.states)
         count = len(kin.model.statement.constraints) + len(held)
@@ -349,9 +355,11 @@ class Transitions:
 
 
 def _undetermined(kin: Kinematics, touch: ContactState, contacts: Sequence[int], count: int, what: str) -> Undetermined:
-    """Return the error for `contacts` (indices) at a state at which the laws of contact allow `count` motions.
+    """Return the error for a state at which the laws of contact allow no motion, or several.
 
-    `what` is "motion" or "impact". If there are several motions, the cause is contacts that depend on each other.
+    `contacts` are the indices of the contacts concerned, and `touch` has all contacts at this state. `count` is the
+    number of motions. `what` is "motion" or "impact". If there are several motions, the cause is contacts that depend
+    on each other. `kin` evaluates the contacts.
     """
     names = listing(repr(kin.contacts[i].name) for i in contacts)
     rows = touch.directions[[kin.normals[i] for i in contacts]]

@@ -317,9 +317,10 @@ def _divided(piece: LocalPolynomial) -> LocalPolynomial:
 def _integrated(sample: Sample, index: int, piece: LocalPolynomial) -> LocalPolynomial:
     """Return the polynomial of an event function that starts at zero, divided by time from the start.
 
-    It is the integral of the function's time derivative, divided by time. `piece` is the same quotient, computed from
-    the values of the function, and is returned if a derivative is not finite. The derivative avoids the rounding of a
-    large constant in the function, such as the height of the floor on which a ball lands.
+    It is the integral of the function's time derivative, divided by time. `index` is the index of the function, and
+    `sample` the step. `piece` is the same quotient, computed from the values of the function, and is returned if a
+    derivative is not finite. The derivative avoids the rounding of a large constant in the function, such as the height
+    of the floor on which a ball lands.
     """
     values = sample.rates(piece.width * chebyshev_points(DEGREE))[index] * piece.width
     if not np.isfinite(values).all():
@@ -353,6 +354,9 @@ def rests(batch: StepBatch, step: int, sample: Sample, index: int) -> bool:
 
 
 def velocity(sample: Sample, index: int) -> float:
-    """Return the time derivative of an event function at the start of a step; 0 if it is within its noise."""
+    """Return the time derivative of an event function at the start of a step; 0 if it is within its noise.
+
+    `index` is the index of the function, and `sample` the step.
+    """
     rates = sample.rates(chebyshev_points(DEGREE))[index]
     return 0.0 if abs(rates[0]) <= RATE_NOISE * np.abs(rates).max() else float(rates[0])

@@ -40,8 +40,9 @@ class EventSeries:
     ) -> EventSeries:
         """Return the series at time t and state y (2n,) in the time unit `scale`, negative for a run backwards.
 
-        `values` are the further arguments of the series: the parameters, then the signs of the switching surfaces.
-        Raises SingularMassMatrix.
+        `series` computes it, up to the given `order`. `values` are the further arguments of the computation: the
+        parameters, then the signs of the switching surfaces. `rtol` is the relative tolerance of the series. Raises
+        SingularMassMatrix.
         """
         size = len(y)
         rows = series.rows(order, t, y, scale, values)

@@ -101,10 +101,10 @@ class Sample:
 class StepBatch:
     """A batch of S accepted steps: the path over them, and E event functions along it.
 
-    `kernel` evaluates the event functions, and `rates()` returns the kernel of their time derivatives. `ends` (E,
-    S+1) are the functions at the states, and `edge` (E, S+1) their errors. `noise` (E, S) is the error of a function
-    on a step, and `sensitive` (E, S) the part of this error that is due to the change of the state. `certain` (E, S)
-    is True if the function keeps its sign on the step.
+    `kernel` evaluates the event functions, and `rates()` returns the kernel of their time derivatives. `ends` (E, S+1)
+    are the functions at the states, and `edge` (E, S+1) their errors. `noise` (E, S) is the error of a function on a
+    step, and `sensitive` (E, S) the part of this error that is due to the change of the state. `certain` (E, S) is True
+    if the function keeps its sign on the step. `samples` has the stored samples of steps, by the index of the step.
     """
 
     kernel: Kernel

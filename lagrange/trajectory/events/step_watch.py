@@ -294,10 +294,11 @@ class StepWatch(EventLog):
         return None
 
     def _at_zero(self, batch: StepBatch, step: int, watched: Sequence[int]) -> list[int]:
-        """Return the events that are zero at the start of a smooth piece of motion, if the step begins there.
+        """Return the events that are zero at the start of a smooth piece of motion, if a step begins there.
 
-        `watched` are the indices of the events to test. The values of their functions are stored. An event with a
-        known sign at the start is not included: its zeros are found as on any other step.
+        `step` is the index of this step in the `batch`, and `watched` are the indices of the events to test. The values
+        of their functions are stored. An event with a known sign at the start is not included: its zeros are found as
+        on any other step.
         """
         begun, ends = self._start, batch.ends[:, step]
         if begun is None:
@@ -348,8 +349,9 @@ class StepWatch(EventLog):
     ) -> None:
         """Record the events on a step before the zero `first`, whose event resets the state or ends the run.
 
-        The events at the time of `first` become pending. `zeros` are all zeros on the step, in order. `traces` has,
-        by index of the event, the zeros and signs of each event function on the step.
+        The events at the time of `first` become pending. `zeros` are all zeros on the step, in order. `traces` has, by
+        index of the event, the zeros and signs of each event function on the step. `sample` is the step, and
+        `steps_before` is the number of steps before it.
         """
         s = first.root.time
         close = TOGETHER * max(abs(sample.t / sample.h), s)
@@ -423,7 +425,10 @@ class StepWatch(EventLog):
 
 
 def _cut(batch: StepBatch, step: int, sample: Sample, s: float) -> Cut:
-    """Return the point to which a run is set back, at the fraction s of step number `step`."""
+    """Return the point to which a run is set back, at the fraction s of step number `step` of a batch.
+
+    `sample` is this step. At s = 0 and s = 1 the point is an accepted state, and no step is shortened.
+    """
     times, states = batch.path.times, batch.path.states
     if s == 0:
         return Cut(step, float(times[step]), states[step], sample.h)

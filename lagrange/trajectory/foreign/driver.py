@@ -251,7 +251,7 @@ def drive_stepwise(
 class SolverPlan:
     """The plan of one run by solvers of another package: tolerances, driver, and dense output. Implements `Plan`.
 
-    `start` makes a solver. `messages` are the messages of the package, and `interpolants` the paths over steps.
+    `start` makes a solver. `messages` are the messages of the package so far, and `interpolants` the paths over steps.
     """
 
     problem: Problem
@@ -274,7 +274,10 @@ class SolverPlan:
         return SolverDriver(self, GuardedRhs(self.problem, self.package, parameters, deadline))
 
     def watch(self, problem: Problem, driver: SolverDriver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return the watcher, which searches the steps of the run for events, or None if the problem has no events."""
+        """Return the watcher, which searches the steps of the run for events, or None if the problem has no events.
+
+        `memory` is the memory of the watcher in a former run, which is used again, or None.
+        """
         return StepWatch(problem, self._latest, fixed=False, memory=memory) if problem.events else None
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
@@ -410,7 +413,10 @@ class SolverDriver:
         return first
 
     def _step(self, solver: Stepper, state: DriverState, times: FloatArray, rows: FloatArray) -> Fault | None:
-        """Take one step. Record the step if its end and its interpolant are valid, else return the fault."""
+        """Take one step by `solver`. Record the step if its end and its interpolant are valid, else return the fault.
+
+        A valid step is counted in `state`, and written to the arrays `times` and `rows` of accepted states.
+        """
         law, begin, before = self._law, state.floats[S.T], state.y.copy()
         law.begin_step()
         fault = solver.advance(begin, before)

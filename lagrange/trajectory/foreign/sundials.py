@@ -176,7 +176,8 @@ class _CvodeStepper:
 class _OtherThreads:
     """Substitute for sys.stdout that drops the output of the thread `silent` and passes on all other output.
 
-    One object serves the whole process: Python's print keeps no reference to the sys.stdout to which it writes.
+    `silent` is the number of the thread, and `stream` the original sys.stdout. One object serves the whole process:
+    Python's print keeps no reference to the sys.stdout to which it writes.
     """
 
     stream: Any = None

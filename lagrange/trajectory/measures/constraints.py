@@ -192,7 +192,7 @@ class ConstraintDrift:
     The scale is the largest size of the constraint's terms along the run. If no terms cancel, as in y = 0, it is the
     gradient times the sizes of the entries of the state. `positions` are the violations of phi, and zero for
     constraints stated in velocities. `velocities` are the violations of dphi/dt, or of the constraint that is stated in
-    velocities.
+    velocities. `holonomic` is True if a constraint is stated in coordinates.
     """
 
     positions: FloatArray

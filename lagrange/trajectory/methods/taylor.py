@@ -116,7 +116,10 @@ class TaylorPlan:
         return SeriesDriver(model.machine, self.series.code(self.order), self.order, parameters)
 
     def watch(self, problem: Problem, driver: SeriesDriver, memory: EventMemory | None = None) -> SeriesWatch | None:
-        """Return the watcher, which searches the steps for events and crossings of surfaces, or None without any."""
+        """Return the watcher, which searches the steps for events and crossings of surfaces, or None without any.
+
+        `memory` is the memory of the watcher in a former run by this driver, which is used again, or None.
+        """
         if not self.watched:
             return None
         parameters, tolerances = problem.parameter_array, self.tolerances

@@ -89,7 +89,10 @@ Integration, V.5."""
 def _method(
     name: str, order: int, function: Callable[..., Any], step: float | None, law: str = "momentum", **claims: bool
 ) -> ImplicitMethod:
-    """Return a method with fixed steps. It ends on the constraints if its `law` is "constrained"."""
+    """Return the method `name` with fixed steps by the step function `function`, of the claimed `order`.
+
+    `claims` are its other claimed properties. It ends on the constraints if its `law` is "constrained".
+    """
     promised = Claims(order, symmetric=True, explicit=False, **claims)
     return ImplicitMethod(name, promised, function, law=law, step=step, holonomic=law == "constrained")
 
@@ -132,8 +135,9 @@ Constrained = Callable[..., tuple[Any, Any, Any, Any, Any]]
 class LobattoPair:
     """The step that integrates q' = v with Lobatto IIIA and p' = f + c with IIIB, with phi = 0 at every stage.
 
-    f are the forces and c the constraint forces. The last column of IIIB is zero. So the multiplier at the end changes
-    only the momentum there, and makes the velocity satisfy the constraints.
+    f are the forces and c the constraint forces. `A`, `b` and `c` are the tableau of IIIA, and `conjugate` is the
+    matrix of IIIB. The last column of IIIB is zero. So the multiplier at the end changes only the momentum there, and
+    makes the velocity satisfy the constraints.
     """
 
     A: tuple[tuple[Abscissa, ...], ...]

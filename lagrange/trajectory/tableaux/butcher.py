@@ -81,10 +81,10 @@ class ErrorEstimate:
     """An embedded error estimate h sum_j weights[j] k_j, of which step control takes the scaled RMS norm.
 
     `order` is the order of the embedded solution: the norm shrinks as h**(order + 1). `damping` are the weights of a
-    second, less accurate estimate. Let e5 and e3 be the sums of squares of the two scaled estimates over the dim
-    components. Then the norm is e5 / sqrt((e5 + 0.01 e3) dim), which shrinks as h**`control` (Hairer, Norsett, Wanner,
-    Solving ODE I, II.10). `memory` is the exponent of the previous norm in step control, for methods whose authors use
-    one (Hairer, Wanner, Solving ODE II, IV.2).
+    second, less accurate estimate, whose embedded solution has the order `damping_order`. Let e5 and e3 be the sums of
+    squares of the two scaled estimates over the dim components. Then the norm is e5 / sqrt((e5 + 0.01 e3) dim), which
+    shrinks as h**`control` (Hairer, Norsett, Wanner, Solving ODE I, II.10). `memory` is the exponent of the previous
+    norm in step control, for methods whose authors use one (Hairer, Wanner, Solving ODE II, IV.2).
     """
 
     weights: Coefficients
