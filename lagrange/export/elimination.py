@@ -177,7 +177,10 @@ def body(function: Callable[..., Any], style: Statements) -> list[str]:
 
 
 def _statements(function: Callable[..., Any]) -> list[ast.stmt]:
-    """Return the syntax trees of a function's statements; the statements of `scaled` replace a call of `scaled`."""
+    """Return the syntax trees of a function's statements, without the docstring.
+
+    If the first statement is a call of the function `scaled`, the statements of `scaled` replace it.
+    """
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     assert isinstance(tree, ast.FunctionDef)
     _, first, *rest = tree.body

@@ -363,7 +363,7 @@ def about_of(module: SourceModule, procedure: Procedure) -> str:
 def sizes(module: SourceModule, prepared: int | None = None) -> list[tuple[str, int, str]]:
     """Return the lengths of all arrays as tuples (name, length, description of the entries).
 
-    `prepared` is the length of p, the array of values that depend on parameters alone; None for the module's length.
+    `prepared` is the length of p, the array of values that depend on parameters alone. None means `module.prepared`.
     """
     length = module.prepared if prepared is None else prepared
     return [

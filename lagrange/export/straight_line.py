@@ -126,7 +126,10 @@ class StraightLinePrinter:
         return self.lines
 
     def _read(self) -> list[int]:
-        """Return the indices of the instructions to print: outputs need their values, and the array p lacks them."""
+        """Return the indices of the instructions to print: entries of the state, then of parameters, then the others.
+
+        These are the instructions that the outputs need, without those whose values are entries of the array p.
+        """
         refs: dict[int, None] = {}
         todo = list(self.program.outputs)
         while todo:
@@ -295,10 +298,10 @@ def with_outputs(
 class Hoisted:
     """Values of `programs` that depend on parameters alone, and their places in the array p.
 
-    The array p, of length `size`, has the parameters, then these values. `program` computes the values, and then for
-    each result of the program `divisors` among them whether it is zero. `kept` has for each program a dict from the
-    index of an instruction to the index of its value in p. Values of linear systems are left out, because factors are
-    not numbers.
+    The array p, of length `size`, has the parameters, then these values. The outputs of `program` are the values,
+    followed by flags. A flag is true if a result of the program `divisors` that depends on parameters alone is zero.
+    `kept` maps each program to {index of an instruction: index of its value in p}. Values of linear systems are left
+    out, because factors are not numbers.
     """
 
     def __init__(self, programs: Sequence[Program], parameters: int, divisors: Program | None) -> None:

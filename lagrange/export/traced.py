@@ -99,7 +99,11 @@ class Library:
         return "\n".join([*lines, ""])
 
     def printed(self, program: Program, name: str, names: Mapping[int, str]) -> str:
-        """Return the text of the two functions of a program. `names` maps an instruction to the name of its value."""
+        """Return the text of the two functions of a program: `name`, and the one with the suffix _checked.
+
+        The second one also returns whether a mass matrix is singular. `names` maps the index of an instruction to the
+        name of its value.
+        """
         printer = StraightLinePrinter(program, self.language, names)
         lines: list[str] = []
         for letter, count in (("y", program.states), ("p", program.parameters)):

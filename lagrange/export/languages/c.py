@@ -242,7 +242,10 @@ def comment(text: str) -> list[str]:
 
 
 class _CPrinter(BracedPrinter):
-    """Prints a procedure as a C function; `c_names` are the names of the module, and a `hidden` function is static."""
+    """Prints a procedure as a C function. `c_names` are the C names of the exported module's functions and types.
+
+    A `hidden` function is static: other C files cannot call it.
+    """
 
     language = "C"
     helpers = HELPERS

@@ -241,7 +241,7 @@ class _JavaScriptPrinter(BracedPrinter):
 
 
 def summed(terms: tuple[str, ...], number: int) -> str:
-    """Return the text of a sum of terms and a number. A number at the end of the last term is added to it."""
+    """Return the text of a sum of terms and a whole number: ("i", "j + 1") and 2 give "i + j + 3"."""
     if not terms:
         return str(number)
     *rest, last = terms
