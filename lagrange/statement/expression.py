@@ -486,7 +486,10 @@ def real(expression: Any) -> Any:
 
 
 def _real_values(part: Any, inner: dict[Any, Any]) -> dict[Any, Any]:
-    """Return {part: value} of a real or imaginary part or conjugate. The value uses real symbols for all functions."""
+    """Return {part: value} for re(...), im(...) or conjugate(...), as all functions and parameters are real.
+
+    `inner` has the values of such parts inside of `part`. The value is also entered for `part` with these replaced.
+    """
     inside = part.xreplace(inner)
     names = [*inside.atoms(AppliedUndef, sympy.Derivative), *inside.free_symbols]
     dummies = {name: sympy.Dummy(real=True) for name in sorted(names, key=str) if not name.is_real}

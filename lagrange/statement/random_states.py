@@ -138,7 +138,10 @@ class _Solution:
                     self.determine(unknown, -unit / power)
 
     def determine(self, unknown: int, size: float) -> None:
-        """Set the logarithm of an unknown to `size` unless it is known. Compute the unknowns that follow from it."""
+        """Set the logarithm of the unknown with index `unknown` to `size`, unless it is known.
+
+        Also compute all unknowns that follow from it.
+        """
         if unknown in self.sizes:
             return
         self.sizes[unknown] = size
@@ -150,7 +153,10 @@ class _Solution:
                     fresh += self._last(k)
 
     def _last(self, k: int) -> list[int]:
-        """Compute the last unknown of equation number `k`. Return [its index], or [] if it was already known."""
+        """Solve equation number `k` for its only unknown without a value. Return [index of this unknown].
+
+        Return [] if all unknowns of the equation have values.
+        """
         powers, unit = self._rows[k]
         last = [unknown for unknown in powers if unknown not in self.sizes]
         for unknown in last:

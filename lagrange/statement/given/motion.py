@@ -71,7 +71,7 @@ def table(argument: Any, points: Any, values: Any) -> Any:
 
 
 _LATEST: deque[TabulatedFunction] = deque(maxlen=256)
-"""Tables that were created last. The numbers of a table cannot be recovered exactly from its spline."""
+"""Latest tables. `table_of` finds the numbers of a table here, since its spline does not contain them exactly."""
 
 
 def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:

@@ -142,7 +142,11 @@ class SceneDocument(Document):
         self._of_text(partial(reader.define, str(path[-1])), *path)
 
     def _of_text(self, read: Callable[[str], Any], *path: str | int, text: str | None = None) -> Any:
-        """Return the result of `read` for the text at a path, or for `text`, a part of it in the same columns."""
+        """Return the result of `read` for the text at a path, or for `text`.
+
+        `text` is a part of the text at the path, in which characters keep their columns. A SceneError of `read` gets
+        the line of the file, and the column there. A number at the path is read as its text.
+        """
         value, what = self.value(*path) if text is None else text, dotted(path)
         if not isinstance(value, (int, float, str)) or isinstance(value, bool):
             self.refuse(f'{what} is {kind_of(value)}: give an expression as a text, such as "2*x".', *path)

@@ -35,8 +35,8 @@ SHARED = 40  # Least number of characters of a part that gets a definition becau
 LONG_PART = 400  # Largest number of characters of a part inside another one. A longer part gets a definition.
 
 DEEP = 12
-"""Largest number of nested levels of a part. A deeper part gets a definition. The reader counts up to four levels for
-each of them, and allows `expressions.DEEPEST_NESTING` levels."""
+"""Largest number of nested levels of an expression's text. A part with more levels is written as a definition. The
+reader allows `expressions.DEEPEST_NESTING` levels, and counts up to four of them for each level of this count."""
 
 IF, TERM, FACTOR, BASE, ATOM = range(5)
 """Binding strengths of the outermost operation of a text, the weakest first."""
@@ -317,7 +317,10 @@ class _SceneWriter:
         return [*energies, typed.dissipation, *typed.forces, *constraints, *contacts, *points, *events]
 
     def named_tables(self, taken: list[str]) -> Iterator[tuple[str, str]]:
-        """Yield (name, text) of each table of measured values, and record the name as the text of its spline."""
+        """Yield (name, text) of each table of measured values, as in ("table_1", "{ argument = x, points = ... }").
+
+        Afterwards `leaves` maps the table's spline to the name. `taken` are names that the tables must not have.
+        """
         plain = SharedText((), dict(self.leaves), taken)
         nodes = dict.fromkeys(
             node for root in self.roots() for node in sorted(root.atoms(sympy.Piecewise), key=sympy.default_sort_key)
@@ -454,9 +457,9 @@ class _SceneWriter:
 
 
 def _columns(table: TabulatedFunction, names: Sequence[str] = ("", "")) -> str:
-    """Return the points and the values of a table as text of two lists.
+    """Return the points and the values of a table as text: "[0.0, 1.0], [0.0, 0.9]".
 
-    Each list follows its name in `names` and an equals sign, unless the names are empty.
+    With the `names` of the two lists, the text is "points = [0.0, 1.0], values = [0.0, 0.9]".
     """
     rows = (f"[{_joined(map(repr, row))}]" for row in (table.points, table.values))
     return _joined(f"{name} = {row}" if name else row for name, row in zip(names, rows, strict=True))

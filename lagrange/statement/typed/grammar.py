@@ -117,10 +117,11 @@ class Part:
 
 @dataclass
 class Choices:
-    """Options that the parser takes at places of a text that have several readings.
+    """Decisions between the possible readings of an ambiguous text, such as g/2l, which is g/(2l) or (g/2)l.
 
-    A choice is named by a text. `chosen` maps it to the index of an option. A choice without an entry takes option 0.
-    `asked` maps each choice that the parser met to its number of options.
+    Each kind of ambiguity has a name, such as "division joined". `chosen` maps such names to the index of the reading
+    that the parser takes: 0, the likeliest one, if a name is missing. `asked` maps the name of each ambiguity that the
+    parser met to its number of readings.
     """
 
     chosen: dict[str, int] = field(default_factory=dict)
@@ -154,7 +155,7 @@ class Formula:
 
     @property
     def shown(self) -> str:
-        """Text of the formula, with d/dt(...) in place of the new names."""
+        """Text of the formula for people, with d/dt(...) in place of each name in `rates`."""
         text = self.text
         for name, (operand, order) in reversed(self.rates.items()):
             sign = "d/dt" if order == 1 else f"d^{order}/dt^{order}"
@@ -273,7 +274,7 @@ class _Parser:
     def divided(self, above: Part) -> Part:
         """Read a denominator, and return the quotient of `above` by it.
 
-        One of the choices is about further factors, as l in g/2l, which may belong to the denominator.
+        `choices` decides if factors that follow belong to the denominator, such as l in g/2l.
         """
         below = self.signed()
         closed = self.tokens[self.index - 1].is_sign(*OPENING.values())
@@ -375,7 +376,7 @@ class _Parser:
         )
 
     def operand(self) -> Part:
-        """Read the operand of d/dt: a bracket or a product. One of the choices is how many factors belong to it."""
+        """Read the operand of d/dt: by default a b in d/dt a b, but a in d/dt (a) b. `choices` may decide otherwise."""
         begin = self.index
         bracket = self.next_is("(", "[", "\\frac")
         part = self.value() if bracket else self.factor()
@@ -483,7 +484,7 @@ class _Parser:
         return condition
 
     def comparison(self) -> tuple[Condition, bool]:
-        """Read a < b, a < b < c, a condition in brackets, or one after "not". Return if it changes in time, too."""
+        """Read a < b, a condition after "not", And(...) or Or(...). Return it, and True if it changes in time."""
         self.depth += 1
         if self.depth > DEEPEST:
             raise self.fault(f"more than {DEEPEST} brackets stand inside each other")
@@ -511,7 +512,7 @@ class _Parser:
         return condition, moves
 
     def compared(self) -> tuple[Condition, bool]:
-        """Read a < b or a < b < c, or else a condition in brackets."""
+        """Read a < b or a < b < c, or else a condition in brackets. Return it, and True if it changes in time."""
         begin = self.index, self.depth, self.bars, dict(self.rates)
         try:
             parts, signs = [self.sum()], [self.expect(*ORDERS)]
@@ -559,7 +560,10 @@ class _Parser:
         return self.decides("argument of constants", usual=not (_ANGLE.search(part.text) or over_bracket))
 
     def bare_factor(self) -> Part:
-        """Read a factor of an argument without brackets. An exponent may belong to it, which is one of the choices."""
+        """Read a factor of a function's argument without brackets, such as x in sin x^2.
+
+        If the factor changes in time, `choices` decides if the exponent belongs to it: sin(x^2) or (sin x)^2.
+        """
         part = self.value()
         powered = (token := self.peek()) is not None and (token.is_sign("^") or token.kind == "power")
         if part.moves and powered and not self.decides("power of an argument", usual=True):
@@ -572,9 +576,11 @@ class _Parser:
         return Part(f"{name}({', '.join(part.text for part in arguments)})", moves=moves)
 
     def rate(self, operand: Part, order: int, offset: int) -> Part:
-        """Return the time derivative of an operand: a symbol of the system, or a new name, which is entered in `rates`.
+        """Return the time derivative of `operand`, of order `order`, as a part of the formula.
 
-        `order` is the order of the derivative, and `offset` its place in the text, where a fault is located.
+        The derivative of a symbol is a symbol of the system, such as x_dot. For any other operand it is a new name,
+        and `rates` maps the name to (text of the operand, order). `offset` is the place of the derivative in the text.
+        Raises TypedFault, located there, for an order above 2.
         """
         if order > 2:
             raise TypedFault("an equation of motion has no third derivative", offset)

@@ -125,7 +125,11 @@ def _without_labels(lines: Sequence[str], is_coordinate: Callable[[str], bool]) 
 
 
 def _joined(before: str, line: str, *, anew: bool) -> bool:
-    """Return True if a line continues the equation `before` it. `anew` is true after an environment or a label."""
+    """Return True if `line` continues the equation `before` it.
+
+    `anew` is true if a label or the begin of a LaTeX environment precedes the line. Then a line after an equation with
+    a sign = only continues it if the equation is incomplete, or if the line begins with =.
+    """
     if _GOES_ON.search(before) or depth_of(before) > 0 or _CHAINED.match(line):
         return True
     if not _CONTINUES.match(line):

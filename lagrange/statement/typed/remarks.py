@@ -288,8 +288,8 @@ class Clause:
     def _introduction(self, first: int = 0) -> Sequence[Token]:
         """Return consecutive words from word number `first` on, between which there are only blanks and punctuation.
 
-        If `first` is 0, the words must begin the clause. A word before a sign of equality is a name, and ends the
-        words.
+        If `first` is 0, the first word must begin the clause. The words end before a symbol, a function, a negation, or
+        a word that is followed by "=", since such a word is a name.
         """
         offset, run = self.words[first].begin if first else self.begin, list[Token]()
         for word in self.words[first:]:

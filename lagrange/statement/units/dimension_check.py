@@ -525,7 +525,10 @@ def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, tuple[float,
 def _made(
     bases: Mapping[str, Mapping[str, tuple[float, Fraction]]], dimension: Dimension
 ) -> Iterator[tuple[float, str]]:
-    """Yield (logarithm of the factor, text) of each product of powers of base units that has this dimension."""
+    """Yield (logarithm of the scale factor, text) of each unit with this dimension that is made of base units.
+
+    An example of a text is "cm/s**2". `bases` are the base units, as `_base_units` returns them.
+    """
     for choice in product(*(bases[base].items() for base, _ in dimension.exponents)):
         pairs = zip(choice, dimension.exponents, strict=True)
         powers = [(text, factor, power / of_unit) for (text, (factor, of_unit)), (_, power) in pairs]
