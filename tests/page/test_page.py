@@ -69,7 +69,9 @@ def test_a_double_pendulum_takes_less_than_200_kb_and_nothing_from_elsewhere(pag
     assert set(re.findall(r"https?://[^\"' ]*", text)) == {"http://www.w3.org/1998/Math/MathML"}
 
 
-@pytest.mark.parametrize("scene", ["double-pendulum", pytest.param("four-bar", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "scene", ["double-pendulum", *(pytest.param(x, marks=pytest.mark.slow) for x in ("four-bar", "two-point-vortices"))]
+)
 def test_the_page_has_the_exported_bytes(scene: str, tmp_path: Path, page_of: Pages) -> None:
     system = shared_scene(scene)
     file, _ = system.export("javascript", tmp_path, contents(system.statement)).files

@@ -122,12 +122,12 @@ def raw(public: Public, positional: list[Any], named: dict[str, Any]) -> str:
 
 
 def test_wrong_calls_end_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, everything: bool) -> None:
-    """A default run calls a sixth of the public functions once."""
+    """A default run calls a third of the public functions once."""
     monkeypatch.chdir(tmp_path)
     chance = random.Random(SEED)
     result = surface()
     failures = []
-    for public in itertools.islice(itertools.cycle(result), 2000) if everything else result[1::6]:
+    for public in itertools.islice(itertools.cycle(result), 2000) if everything else result[1::3]:
         positional, named = call(public, chance, tmp_path)
         if failure := raw(public, positional, named):
             failures.append(f"{public.name}: {failure}")
