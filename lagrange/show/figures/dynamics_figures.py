@@ -55,17 +55,17 @@ PANEL_WIDTH, PANEL_HEIGHT = 1000.0, 800.0  # Size of the panel in pixels, at 160
 ARROW = 0.62  # Length of an arrow of the field, as a fraction of the distance between arrows
 
 _MARKERS = {
-    "saddle": ("X", "paper"),
+    "saddle": ("X", "quiet"),
     "centre": ("o", "paper"),
-    "linear centre": ("o", "paper"),
+    "linear centre": ("o", "quiet"),
     "stable spiral": ("o", "ink"),
     "stable node": ("s", "ink"),
-    "unstable spiral": ("o", "open"),
-    "unstable node": ("s", "open"),
-    "degenerate": ("D", "paper"),
+    "unstable spiral": ("o", "paper"),
+    "unstable node": ("s", "paper"),
+    "degenerate": ("D", "quiet"),
 }
-"""Matplotlib's marker of each kind of equilibrium, and its fill: "paper" is pale, "ink" is dark, and "open" has the
-colour of the background."""
+"""Matplotlib's marker of each kind of equilibrium, and the colour that fills it, as the name of a field of
+`FigureStyle`."""
 
 
 def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") -> Figure:
@@ -152,14 +152,13 @@ def _equilibria(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
     first, second = portrait.plane
     seen: set[str] = set()
     for equilibrium in portrait.equilibria:
-        marker, filled = _MARKERS[equilibrium.kind]
-        face = {"paper": look.quiet, "ink": look.ink, "open": look.paper}[filled]
+        marker, fill = _MARKERS[equilibrium.kind]
         axis.plot(
             [equilibrium.state[first.row]],
             [equilibrium.state[second.row]],
             marker=marker,
             markersize=8.5 if marker != "X" else 9.5,
-            markerfacecolor=look.paper if equilibrium.kind == "centre" else face,
+            markerfacecolor=getattr(look, fill),
             markeredgecolor=look.ink,
             markeredgewidth=1.2,
             linestyle="none",
