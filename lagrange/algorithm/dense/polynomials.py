@@ -51,9 +51,9 @@ def hermite_polynomial(order: int) -> StepPolynomial:
     """
     if order == 3:
         return StepPolynomial(hermite, ROOM, 3, 0, np.zeros(1), vectors=0)
-    inner, contributions = slice(1, -1), weights(order)
-    integrals = np.asarray(chebyshev_points(order - 1)[:, None] ** np.arange(order + 2) @ contributions.T)
-    parts = chebyshev_points(order - 1)[inner], integrals[inner, inner].ravel(), contributions[inner].T.ravel()
+    points, inner, contributions = chebyshev_points(order - 1), slice(1, -1), weights(order)
+    integrals = np.asarray(points[:, None] ** np.arange(order + 2) @ contributions.T)
+    parts = points[inner], integrals[inner, inner].ravel(), contributions[inner].T.ravel()
     return StepPolynomial(hermite, ROOM, order + 1, order - 2, np.concatenate(parts), vectors=2 * (order - 2))
 
 
