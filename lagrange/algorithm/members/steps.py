@@ -444,8 +444,9 @@ class StepMembers(MemberMethod):
     def follow(self, path: MemberStepPath, job: MemberJob, member: Member, index: int) -> int:
         """Search an accepted step for events, and write output states and reductions of expressions on it.
 
-        `path` is the dense output, and `index` the number of the member. Return PAUSED if the run continues,
-        ENDED_BY_EVENT if an event ends it, and WATCHED if the zeros on the step cannot be resolved.
+        `path` is the dense output, and `index` the number of the `member`. `job` has the settings of all members,
+        such as the output times. Return the outcome PAUSED if the next step may follow, ENDED_BY_EVENT if an event ends
+        the run, and WATCHED if the zeros cannot be resolved, so that the member must be run alone.
         """
         run, method_memory = member.run, member.method_memory
         memory: PathMemory = method_memory.path

@@ -1,4 +1,7 @@
-"""Say in a sentence how a typed term differs from the correct one, as in "has the wrong sign"; expand into terms."""
+"""Say in a sentence how a typed term differs from the correct one, as in "has the wrong sign".
+
+Functions here also expand expressions into terms.
+"""
 
 from __future__ import annotations
 

@@ -33,8 +33,8 @@ TOGETHER = 4
 of floating-point times. At the times between them the function of the surface may round to zero."""
 
 LEAST = 2.0**-80
-"""Shortest time, as a fraction of the run, by which a run moves from before a switching surface to after it. Spacings
-of floating-point times near 0 are too small for a path over this interval."""
+"""Shortest time, as a fraction of the run, by which a run moves from before a switching surface to after it. Near
+t = 0 floating-point times are so close that dense output over one spacing between them cannot be computed."""
 
 SPREAD = 2.0 ** np.arange(32)
 """Distances from an estimate of the time at which a surface changes sign, in spacings of times, at which its sign is
