@@ -194,7 +194,7 @@ def entries(option: str, texts: Sequence[str], form: str, example: str) -> dict[
 
 
 def assignments(option: str, texts: Sequence[str]) -> dict[str, float]:
-    """Return the numbers of a repeated option NAME=VALUE by name; `texts` are the arguments of the option."""
+    """Return {name: number} from `texts`, the arguments NAME=VALUE of the option `option`, which may be repeated."""
     stated = entries(option, texts, "VALUE", "m=2")
     return {name: number(f"{option} {name}", value) for name, (value,) in stated.items()}
 

@@ -125,7 +125,7 @@ class Interruption:
             raise Signalled(self.number)
 
     def _come_again(self) -> None:
-        """Send the signal again to the main thread after `INTERVAL` seconds. Must be called in the main thread."""
+        """Send the first signal again to the main thread, which must be the caller, after `INTERVAL` seconds."""
         number, main_thread = self.number or signal.SIGINT, _thread.get_ident()
 
         def wait() -> None:
@@ -138,9 +138,10 @@ class Interruption:
         _thread.start_new_thread(wait, ())
 
     def _lost(self, unraisable: Any) -> None:
-        """Send a signal again if its exception was lost, for example in a finalizer. Installed as `sys.unraisablehook`.
+        """Send a signal again if Python lost its exception, for example in a finalizer. It is `sys.unraisablehook`.
 
-        After a signal, other unraisable exceptions are dropped, because they come from partly initialized objects.
+        `unraisable` describes the lost exception. After a signal, exceptions of other kinds are dropped, because they
+        come from partly initialized objects.
         """
         if self.number is None:
             sys.__unraisablehook__(unraisable)

@@ -54,8 +54,8 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "scenes": ("lagrange.cli.program", "list the library of scenes"),
     "new": ("lagrange.cli.program", "write a commented scene file to start from"),
 }
-"""Commands in the order of the help text: the module that has the command, and the line of help. The module is imported
-only when the command is parsed."""
+"""Commands, by name, in the order of the help text: the module with the function of this name, and the line of help.
+The module is imported only when the command is parsed."""
 
 WITHOUT_SCENE, WITHOUT_JSON = ("targets", "scenes", "new"), ("derive", "new")
 """Commands without the argument SCENE, and commands without the option --json."""
@@ -167,7 +167,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_options(place: str, name: str, command: CommandParser) -> None:
-    """Set the function `name` of the module `place` as the command, and add the arguments of the command.
+    """Make the parser `command` call the function `name` of the module `place`, and add the arguments of the command.
 
     The function add_`name` of the module, if there is one, adds the arguments that only this command has.
     """

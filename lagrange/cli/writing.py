@@ -164,7 +164,7 @@ def animate(request: argparse.Namespace) -> Answer:
 
 
 def _file(request: argparse.Namespace, ending: str) -> Path:
-    """Return the path that --out names, or NAME`ending` in the current folder for a scene NAME.
+    """Return the path that --out names, or a path in the current folder: the scene's name with the suffix `ending`.
 
     Raises StatementError for an empty name, and for a path that cannot be written.
     """
