@@ -72,7 +72,7 @@ class Stages:
         return InterpretedKernel(program_of(name, self.equations))
 
     def function(self, name: str, nodes: Sequence[Node]) -> Kernel:
-        """Return an interpreted function that evaluates `nodes` of the equations' graph. Messages call it `name`."""
+        """Return a function, not compiled, that evaluates `nodes` of the equations' graph. Messages call it `name`."""
         return InterpretedKernel(lower_nodes(name, nodes, self.equations))
 
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
@@ -86,7 +86,7 @@ class Stages:
 
     @property
     def rebuild(self) -> Callable[..., Model]:
-        """Function that compiles a statement for the same target, for a model in another process.
+        """Function that returns the model of a statement for the same target, for unpickling and for other statements.
 
         It can be pickled. Its pickle is small, because it contains no equations.
         """
@@ -168,7 +168,7 @@ def machine(target: str) -> Machine:
 
 
 def load(path: str | PathLike[str]) -> Solution:
-    """Return the run in a file that `solution.to_npz` wrote, with its system: a Solution.
+    """Return the run in the file `path`, which `solution.to_npz` wrote, with its system: a Solution.
 
     Between its outputs the run has only the states that the file stores for animations. The file has numbers and a
     scene; no code in it is executed. Raises StatementError for a file that cannot be read, or is not from `to_npz`.
