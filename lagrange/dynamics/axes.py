@@ -50,7 +50,7 @@ Plane = tuple[Axis, Axis]  # Horizontal axis and vertical axis
 def row_of(statement: Statement, key: Any, what: str) -> int:
     """Return the index in the state of the entry `key`: a coordinate, a velocity, or a name.
 
-    `what` is the user's argument in messages. Raises StatementError for any other key.
+    `what` names the user's argument in messages. Raises StatementError for any other key.
     """
     rows = state_rows(statement.coordinates)
     if isinstance(key, (str, sympy.Basic)) and key in rows:
@@ -62,8 +62,8 @@ def row_of(statement: Statement, key: Any, what: str) -> int:
 def plane_of(statement: Statement, table: Any, label: str, default_count: int) -> Plane:
     """Return the horizontal and the vertical axis from {entry: (low, high)} or {entry: (low, high, count)}.
 
-    `default_count` replaces a missing count. `label` is the user's argument in messages. Raises StatementError unless
-    there are two different entries.
+    `default_count` replaces a missing count. `label` names the user's argument in messages. Raises StatementError
+    unless there are two different entries.
     """
     if not isinstance(table, Mapping):
         raise StatementError(f"{label} is {shown(table)}: give {_example(statement)}.")
@@ -81,7 +81,7 @@ def plane_of(statement: Statement, table: Any, label: str, default_count: int) -
 def axis_of(statement: Statement, entry: Any, span: Any, argument: str, default: int) -> Axis:
     """Return the axis of an entry of the state, from a span (low, high) or (low, high, count).
 
-    `default` replaces a missing count. `argument` is the user's argument in messages. Raises StatementError for an
+    `default` replaces a missing count. `argument` names the user's argument in messages. Raises StatementError for an
     empty span.
     """
     row = row_of(statement, entry, argument)

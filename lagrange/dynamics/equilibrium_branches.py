@@ -162,10 +162,10 @@ def _add(
 
 
 def _with_ends(equilibrium: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:
-    """Return the `values` of a parameter, with more values near those where the equilibrium begins or ceases to exist.
+    """Return the `values` of a parameter, with more values where an equilibrium begins or ceases to exist.
 
-    A branch may begin with an infinite slope, as a square root does. So the distances of the additional values from the
-    end of the branch grow as squares. `parameter` is the name of the parameter.
+    There its coordinates may have an infinite slope, as a square root has. So the distances of the additional values
+    from such a value grow as squares. `parameter` is the name of the parameter.
     """
     chosen = next(p for p in statement.parameters if p.name == parameter)
 

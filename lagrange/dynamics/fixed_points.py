@@ -21,18 +21,19 @@ from lagrange.machine.model import Model
 from lagrange.mechanics.expansion import stated_point
 
 AXIS_POINTS = 4001
-"""Number of points on the axis at which the force at rest is evaluated. Two zeros between points may be missed."""
+"""Number of coordinates at which the force at rest is evaluated to find equilibria. Two zeros between neighbours may be
+missed."""
 
 EIGENVALUE_NOISE = 1e-9
 """Largest real or imaginary part of an eigenvalue that counts as rounding noise, relative to the largest eigenvalue."""
 
 FLAT_SLOPE = 1e-6
-"""Derivative of the acceleration by the coordinate below which an equilibrium is degenerate.
+"""Threshold of the derivative of the acceleration by the coordinate, below which an equilibrium is degenerate.
 
 It is relative to the largest acceleration on the axis, divided by the length of the axis."""
 
 FLAT_FORCE = 1e-10
-"""Largest minimum of abs(acceleration) along the axis that counts as a zero without change of sign.
+"""Threshold of abs(acceleration) at a minimum along the axis, below which the minimum is a zero without change of sign.
 
 It is relative to the largest acceleration on the axis."""
 
@@ -194,7 +195,7 @@ PlaneFunction = Callable[[FloatArray, FloatArray], FloatArray]  # Values (k,) at
 
 
 def zero_lines(function: PlaneFunction, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
-    """Return the lines (k, 2) on which a function vanishes, on the grid of equally spaced x (k,) and y (m,).
+    """Return the lines (j, 2) on which a function vanishes, on the grid of equally spaced x (k,) and y (m,).
 
     The last point of a closed line equals its first. Every vertex is a zero of the function to rounding, on an edge of
     the grid. Cells with a value that is not finite are left out, and changes of sign across a pole, too.
@@ -215,7 +216,7 @@ def zero_lines(function: PlaneFunction, x: FloatArray, y: FloatArray) -> tuple[F
 def _refined(
     function: PlaneFunction, x: FloatArray, y: FloatArray, line: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the vertices (k, 2) of a contour line, moved to zeros of the function, and a mask (k,), False at a pole.
+    """Return the vertices (j, 2) of a contour `line`, moved to zeros of the function, and a mask (j,), False at a pole.
 
     Each vertex is on an edge of the grid x, y, where the zero is found by bisection.
     """

@@ -68,7 +68,7 @@ class PlaneWindow:
     def exits(self, runs: Runs) -> list[Event]:
         """Return the events that end a run of the model of `runs` where it leaves the window.
 
-        There is one event for each axis, and none for an angle.
+        There is one event for each axis whose entry is not an angle.
         """
         statement = runs.model.statement
         entries = (*statement.coordinates, *(velocity_of(q) for q in statement.coordinates))

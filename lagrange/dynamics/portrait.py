@@ -33,11 +33,11 @@ An orbit begins in each cell that no orbit has crossed, from the middle of the w
 
 MOST_ORBITS, MOST_PROJECTED = 60, 8
 """Largest numbers of orbits if the user gives no starts. The first one is for a plane that contains whole orbits, which
-do not cross. The second one is for a slice and for a driven system, whose orbits may cross in the plane."""
+do not cross. The second one is for a plane that orbits leave, and for a driven system: orbits may cross in a plane."""
 
 FEW_PERIODS = 2
-"""Duration of an orbit, in mean periods of small oscillations, in a slice and for a driven system. These orbits may
-cross in the plane, and are followed forwards in time only."""
+"""Duration of an orbit, in mean periods of small oscillations, if orbits leave the plane, and for a driven system. Such
+orbits may cross in the plane, and are followed forwards in time only."""
 
 SAMPLES_PER_CELL = 64  # Number of states in each step that mark the cells that an orbit crosses
 SAME_PLACE = 1e-9  # Distance below which two equilibria are the same, as a fraction of the window
@@ -129,7 +129,7 @@ class _Portrait:
     def _slopes(self, states: FloatArray) -> FloatArray:
         """Return the time derivatives (2n, k) of states (2n, k).
 
-        Velocities without inertia in the states are replaced by the values that follow from the other entries.
+        Velocities of coordinates without inertia are replaced by the values that follow from the other entries.
         """
         followed = with_rates(self.runs.model, self.time, states, self.runs.parameters)
         return self.runs.model.rhs(self.time, followed, self.runs.parameters)
@@ -193,7 +193,8 @@ def portrait(
 ) -> PortraitData:
     """Return the phase portrait of the model of `runs` on the plane `window`.
 
-    - `window` maps the two entries of the state on the axes to their ranges; None chooses them for one coordinate.
+    - `window` maps the two entries of the state on the axes to their ranges. With None and one coordinate, the ranges
+      are chosen.
     - `at` maps the other entries of the state to their fixed values.
     - `starts` are the initial states of orbits; if None, the orbits fill the plane.
     - `time` is the time at which the field is evaluated, and `reach` the longest duration of an orbit.
@@ -357,8 +358,8 @@ def _ended(
 def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dict[int, float]:
     """Return the fixed values of entries of the state that the user's `at` gives, by index in the state.
 
-    `window` are the ranges of the axes, or None. Raises StatementError unless two entries remain for the axes, and if
-    there is no default window.
+    `window` are the ranges of the axes, or None for the default. Raises StatementError unless two entries remain for
+    the axes, and for a system without a default window.
     """
     statement = model.statement
     fixed = {}
@@ -388,15 +389,15 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
 
 
 def _free(model: Model, fixed: Collection[int]) -> list[int]:
-    """Return the indices in the state of the entries that vary on the plane: two, if a plane is determined.
+    """Return the indices in the state of the entries that are not fixed: two, if they determine a plane.
 
-    Entries in `fixed` are left out, and so are the velocities without inertia, which follow from other entries.
+    Entries in `fixed` are left out, and so are velocities of coordinates without inertia, which follow from the others.
     """
     return [row for row in range(model.layout.size) if row not in fixed and row not in model.equations.following]
 
 
 def _too_many(model: Model, left: int) -> str:
-    """Return the error message if `left` entries of the state have no fixed value, and not two as a plane needs."""
+    """Return the error message for `left` entries of the state without a fixed value, where a plane needs two."""
     statement = model.statement
     names = [statement.state_names[row] for row in _free(model, ())]
     n = len(statement.coordinates)
@@ -415,7 +416,7 @@ def _too_many(model: Model, left: int) -> str:
 
 
 def default_plane(runs: Runs, base: FloatArray) -> Plane:
-    """Return a window for a system with one coordinate: it contains the equilibria and the motions between them.
+    """Return a window for the model of `runs`, with one coordinate: it has the equilibria and motions between them.
 
     An angle has the range of a full turn. Another coordinate has the range of the equilibria and of the motion from the
     initial state `base`, enlarged at both ends. If `base` is an equilibrium, the motion begins next to it.
@@ -427,7 +428,7 @@ def default_plane(runs: Runs, base: FloatArray) -> Plane:
     low, high = (-math.pi, math.pi) if turns else _extent(runs, base, scale)
     speeds = [0.0]
     for x in np.linspace(low, high, 13)[1:-1]:
-        # A step may be as long as half an oscillation and end at rest.
+        # A step may last half an oscillation and end at rest, so states inside of the steps are needed.
         _, states = sampled(runs(np.array([x, 0.0]), 0.0, 2 * scale))
         inside = turns | ((states[:, 0] >= low) & (states[:, 0] <= high))
         speeds.append(float(np.abs(states[inside, 1]).max(initial=0.0)))

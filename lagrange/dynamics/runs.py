@@ -169,9 +169,9 @@ def _rates(statement: Statement) -> tuple[Any, ...]:
 
 
 def driving_period(statement: Statement, values: Mapping[Any, float]) -> float:
-    """Return the period of the driving, for parameters with the given `values`.
+    """Return the common period of all sines and cosines of time in a statement, for the `values` of its parameters.
 
-    Raises StatementError if the angular frequencies of the driving have no common period.
+    Raises StatementError if their angular frequencies have no common period.
     """
     constants = {symbol: sympy.Float(value, 17) for symbol, value in values.items()}
     frequencies = {abs(float(frequency.xreplace(constants))) for frequency in _rates(statement)}

@@ -28,7 +28,7 @@ from lagrange.trajectory.trajectory import Status, Trajectory
 CROSSINGS_PER_RUN = 2000
 """Number of crossings after which an orbit continues in a new run, to bound the memory for its steps."""
 
-PERIODS_PER_CROSSING = 2.0  # Length of the first run of an orbit per crossing, in mean periods of small oscillations
+PERIODS_PER_CROSSING = 2.0  # Duration of an orbit's first run, per crossing, in mean periods of small oscillations
 LONGEST_WAIT = 200  # Longest time without a crossing, in mean periods of small oscillations; then the orbit ends
 
 
@@ -43,10 +43,11 @@ class Crossings:
 
 
 class Crosser:
-    """Follows orbits up to a number of crossings of a section: `count` zeros of an event, or multiples of a period.
+    """Callable that follows an orbit until it has crossed a section `count` times.
 
-    `passed` is the event or the period. `states` (m, 2n) are starts, which set the time scale. `longest` is the longest
-    time without a crossing, or None for the default.
+    The section `passed` is an event, whose zeros are the crossings, or a period, after whose multiples the states are
+    taken. `states` (m, 2n) are the starts of all orbits, which set the time scale. `longest` is the longest time
+    without a crossing, or None for the default.
     """
 
     def __init__(
@@ -121,10 +122,10 @@ def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> lis
 
 
 ENERGY_CORRECTIONS = 30
-"""Number of Newton steps for the velocity that gives an energy. They start from the root of a quadratic energy.
+"""Number of Newton steps that find the velocity for which a state has a prescribed energy.
 
-One step removes rounding errors. The others are for an energy that is not quadratic in the velocity, such as the energy
-of a relativistic particle."""
+They start from the solution for an energy that is quadratic in the velocity. One step removes its rounding errors. The
+others are for other energies, such as that of a relativistic particle."""
 
 PROBES = (1.0, 1e-3, 1e-6)
 """Trial velocities. The energies at v and at -v, for one of them, give the coefficients of an energy that is quadratic
@@ -175,10 +176,10 @@ class EnergyLevel:
         return np.asarray(self.model.energy(q, rates, 0.0, self.parameters))
 
     def reached(self, starts: FloatArray, event: Event | None) -> FloatArray:
-        """Return the starts (m, 2n) with the velocity replaced, so that each has the energy.
+        """Return the starts (m, 2n) with the velocity in row `row` replaced, so that each has the energy `energy`.
 
-        Two velocities are possible. The one that crosses the event in its direction is chosen, else the larger one.
-        Raises StatementError if a start has more energy even without this velocity.
+        Two velocities are possible. The one with which the value of `event` changes in the direction of the event is
+        chosen, else the larger one. Raises StatementError if a start has more energy even with the velocity zero.
         """
         states, row = np.ascontiguousarray(starts.T), self.row
         a, b, c = self._quadratic(states)
@@ -233,7 +234,7 @@ class EnergyLevel:
 
 
 MOST_SECTION_POINTS = 100_000_000
-"""Largest number of points of an orbit. A driven system takes minutes for this number."""
+"""Largest number of points of an orbit that a user may request. A driven system takes minutes for this number."""
 
 BORDER_CELLS = 200  # Number of cells along each axis for the border of a section
 
@@ -354,7 +355,7 @@ def point_counts(points: Any, skip: Any, label: str, smallest: int) -> tuple[int
     """Return (`points`, `skip`): the numbers of points to keep and to skip on each orbit.
 
     Raises StatementError unless both are integers in the allowed range; `smallest` is the least number to keep. `label`
-    is the argument `points` in messages.
+    is the user's name of the argument `points`, for messages.
     """
     kept = whole_number(points, label, smallest, MOST_SECTION_POINTS)
     return kept, whole_number(skip, "skip", 0, MOST_SECTION_POINTS)
@@ -393,7 +394,7 @@ def _level(runs: Runs, energy: Any, solve_for: Any) -> EnergyLevel | None:
 def drawn_axes(statement: Statement, event: Event | None) -> tuple[str, str]:
     """Return the names of the two entries that the picture of a section shows: a coordinate and its velocity.
 
-    It is the first coordinate that does not occur in the `event` of the section, which may be None.
+    The coordinate is the first one that does not occur in the `event` of the section, which may be None.
     """
     names = statement.names
     plain = None if event is None else event.expression.xreplace(dict(statement.plain))

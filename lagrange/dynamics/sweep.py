@@ -23,13 +23,13 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
 SAME_POINT = 1e-6
-"""Distance below which two points are the same, as a fraction of the extent of all points."""
+"""Difference of an entry up to which two points are the same, as a fraction of the range of the entry at all points."""
 
 DIFFERENCE_NOISE = 1e-12
 """Largest rounding noise of the difference of two states, relative to a scale of the entry.
 
-The scale of a coordinate is its largest magnitude, or that of its velocity times the mean period, whichever is larger.
-The scale of a velocity is its largest magnitude, or that of its coordinate divided by the mean period."""
+The scale of a coordinate is its largest magnitude, or that of its velocity times a period of small oscillations,
+whichever is larger. The scale of a velocity is its largest magnitude, or that of its coordinate over this period."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +167,8 @@ def _section(runs: Runs, definition: Any, parameters: FloatArray) -> Event | flo
 def _next(orbit: Crossings, start: FloatArray, passed: Event | float, statement: Statement) -> tuple[float, FloatArray]:
     """Return the time and the state at which the orbit for the next value of the parameter begins.
 
-    The state is the last crossing of `orbit`, or `start` if there is none or its run is not complete. The time is the
-    time of this crossing if the section `passed` is an event and the system depends on time, else 0.
+    The state is that of the last crossing of `orbit`, or `start` if the orbit has no crossing or is not complete. The
+    time is that of this crossing if the section `passed` is an event and the system depends on time, else 0.
     """
     if not orbit.status.complete or not len(orbit.states):
         return 0.0, start
@@ -197,7 +197,7 @@ def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> Flo
     periods = np.zeros(len(whole), dtype=int)
     left = np.nonzero(np.isfinite(whole).all(axis=(1, 2)))[0]
     for p in range(1, states.shape[2] // 2 + 1):
-        # Most rows are excluded by their first points.
+        # Most orbits are excluded by the comparison of their first points.
         distance = np.abs(difference(whole[left, p], whole[left, 0], periodic)) / size
         for row in left[(distance <= SAME_POINT).all(axis=1)].tolist():
             distance = np.abs(difference(whole[row, p:], whole[row, :-p], periodic)) / size
