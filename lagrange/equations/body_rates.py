@@ -64,7 +64,7 @@ class Turning:
 
 
 class _Body:
-    """Rotating body: symbols of its rates w and of the entries of its rotation matrix R, and their derivatives."""
+    """Rotating body: symbols of its angular velocity w and of the entries of its rotation matrix R, and derivatives."""
 
     def __init__(self, graph: Graph, each: Rotation, leaves: Mapping[Any, Node]) -> None:
         q, v = ([leaves[f] for f in part] for part in (each.quaternion, map(velocity_of, each.quaternion)))
@@ -83,7 +83,7 @@ class _Body:
             [(w, c), (i, b), (-j, a)],
         )
         self.spun = [graph.sum([(-1, x * rate) for x, rate in row]) for row in rows]
-        """Minus twice the derivatives of the quaternion, -q w."""
+        """Four nodes -q w, which are minus twice the time derivatives of the quaternion q. w are the body's rates."""
         square = w**2 + i**2 + j**2 + k**2
         excess = length_excess(q)
         (stretch, *turned), size = product(conjugate(q), v), graph.power(a**2 + b**2 + c**2, half)
@@ -91,16 +91,16 @@ class _Body:
         self.starts = dict(zip((*self.w, *self.entries), (*rates, *chain(*matrix_of(q))), strict=True))
         slopes = [-half * (rate + size * excess * x) for rate, x in zip(self.spun, q, strict=True)]
         self.slopes = substitute(slopes, self.starts)
-        """Derivatives of the quaternion at the start of a step, with a term that corrects its length to one."""
+        """Time derivatives of the quaternion at the start of a step, with a term that brings its length back to one."""
         self.pulls = [-(size * stretch / square * x) for x in q]
-        """Accelerations at the start of a step that remove changes of the quaternion's length."""
+        """Second time derivatives of the quaternion at the start of a step that damp changes of its length."""
         x, y, z = columns = [self.entries[k::3] for k in range(3)]
         changes = ({1: z, 2: [-e for e in y]}, {0: [-e for e in z], 2: x}, {0: y, 1: [-e for e in x]})
         self.turns = [
             {e: moved for k, column in change.items() for e, moved in zip(columns[k], column, strict=True)}
             for change in changes
         ]
-        """Changes of the entries of R by a small turn about each axis of the body. Other symbols do not change."""
+        """Derivatives {entry of R: derivative} along a small turn about each body axis, without those that are zero."""
 
     def rates(self) -> dict[Node, Node]:
         """Return the time derivatives of the entries of the rotation matrix R, by symbol."""
@@ -115,7 +115,7 @@ class _Body:
 
 
 def turning(statement: Statement, graph: Graph, leaves: Mapping[Any, Node]) -> Turning | None:
-    """Return the equations of a statement in rates of bodies, or None.
+    """Return the equations of motion of a statement in the angular velocities of its bodies, or None.
 
     The result is None for a statement with constraints, and for rotations that cannot be described by small turns.
     `leaves` maps coordinates, velocities, time and parameters to nodes of the graph.

@@ -66,7 +66,7 @@ def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
-    """Return True if merging terms with powers of factor `k`, a sum in parentheses, may shorten the whole sum.
+    """Return True if merging terms with powers of factor `k` of the algebra, a sum, may shorten the sum `terms`.
 
     It may in three cases: the exponents of the factor differ between terms; an exponent is whole, so that the power can
     be multiplied out; or at least as many terms contain the factor as the factor has terms.
@@ -92,7 +92,10 @@ def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
 
 
 def _shorter(algebra: Algebra, group: MonomialSum, k: int) -> MonomialSum:
-    """Return terms with the lowest power of factor `k` taken out and the rest multiplied out, if that is shorter."""
+    """Return the terms `group` with the lowest power of factor `k` of the algebra, a sum, taken out.
+
+    The rest is multiplied out. The terms are returned unchanged if there would not be fewer of them.
+    """
     exponents = [dict(monomial).get(k, 0) for monomial in group]
     lowest, highest = min(exponents), max(exponents)
     if len(group) < 2 or lowest >= 1 or highest - lowest > HIGHEST:
@@ -132,8 +135,8 @@ def _divided(terms: MonomialSum, base: MonomialSum) -> MonomialSum | None:
 class _Variables:
     """Translator of sums of monomials into SymPy polynomials and back.
 
-    Each factor becomes a variable. If its exponents are fractions, it is a power of its variable. The lowest power of
-    each factor is taken out of all sums first, so that no exponent is negative.
+    Each factor becomes a variable. For a factor x with an exponent such as 1/2, the variable is sqrt(x). The lowest
+    power of each factor is taken out of all sums first, so that no exponent is negative.
     """
 
     def __init__(self, sums: Sequence[MonomialSum]) -> None:
@@ -147,7 +150,7 @@ class _Variables:
 
     @property
     def degree(self) -> int:
-        """Product of (largest degree + 1) over all variables, which is a bound on the number of terms."""
+        """Product of (largest degree + 1) over all variables, a bound on the number of terms of a polynomial."""
         return prod(self.degrees.values())
 
     def polynomial(self, terms: MonomialSum) -> Any:
@@ -160,9 +163,9 @@ class _Variables:
         return self.ring.from_dict(coefficients)
 
     def terms(self, polynomial: Any) -> MonomialSum:
-        """Return a SymPy polynomial as a sum of monomials. It is the quotient of two results of `polynomial`.
+        """Return a SymPy polynomial, a quotient of two results of the method `polynomial`, as a sum of monomials.
 
-        The powers of factors that `polynomial` takes out are the same for both results, so they cancel in the quotient.
+        That method takes the same powers of factors out of both results, so they cancel in the quotient.
         """
         result: MonomialSum = {}
         for exponents, value in polynomial.terms():
@@ -175,11 +178,12 @@ class _Variables:
 FACTORED_TERMS = 16
 """Largest number of terms of a polynomial that is factored. SymPy takes a few milliseconds for 16 terms."""
 WORTHWHILE = 0.75
-"""Largest ratio of operations, factored to expanded, at which a coefficient is written in factored form."""
+"""Largest ratio (operations in factored form) / (operations in expanded form) at which a coefficient is written in
+factored form."""
 WRITING = 5
 """Cost of writing a term, in monomials of the algebra's budget, in addition to the size of its factors."""
 LONGER_SUM = 1.4
-"""Largest ratio of operations, sum of quotients to single fraction, at which a quotient is written as a sum."""
+"""Largest ratio (operations in a sum) / (operations in one fraction) at which a quotient is written as a sum."""
 
 _BESIDE = sympy.Dummy("motion")
 
@@ -198,7 +202,7 @@ class SumWriter:
         self._factored: dict[Any, Any] = {}
 
     def write(self, terms: MonomialSum) -> Any:
-        """Return the sum as an expression, grouped by velocities, accelerations and functions, then by coordinates."""
+        """Return a sum as an expression, grouped by velocities, accelerations and functions, then by coordinates."""
         self.algebra.spend(sum(WRITING + self.algebra.size(monomial) for monomial in terms))
         groups: dict[Monomial, dict[Monomial, MonomialSum]] = {}
         for monomial, number in terms.items():
@@ -287,7 +291,7 @@ class SumWriter:
         return self._factored[expression]
 
     def _together(self, expression: Any) -> Any:
-        """Return a sum with the factors in parentheses that all its terms share taken out."""
+        """Return a sum with shared factors that are sums taken out: x*(a + b) + y*(a + b) becomes (a + b)*(x + y)."""
         if not expression.is_Add:
             return expression
         powers = [part.as_powers_dict() for part in expression.args]

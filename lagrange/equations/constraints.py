@@ -81,14 +81,17 @@ class ConstraintEquations:
 
 
 def check_rows(stated: Sequence[Constraint], constraints: ConstraintEquations) -> None:
-    """Raise StatementError for a constraint that no velocity changes: its row of the gradient has only zeros."""
+    """Raise StatementError for a constraint in `stated` that no velocity changes: its row of the gradient is zero.
+
+    `constraints` are the equations of the stated constraints.
+    """
     for constraint, row in zip(stated, constraints.gradient, strict=True):
         if all(entry is entry.graph.zero for entry in row):
             raise StatementError(empty_constraint(constraint.name, value_somewhere(constraint.expression), 1.0))
 
 
 def empty_constraint(name: str, value: float, size_of_terms: float) -> str:
-    """Return the error message for a constraint that contains no coordinate and no velocity.
+    """Return the error message for the constraint `name`, which contains no coordinate and no velocity.
 
     `value` is the value of the constraint at a state. If it is zero on the scale `size_of_terms`, the message calls the
     constraint always true, else never true.
@@ -109,7 +112,8 @@ def constraint_equations(
 ) -> ConstraintEquations:
     """Return the equations of the constraints in `zeros`, {name of the constraint: node that stays zero}.
 
-    A node is phi(q, t) if its flag in `holonomic` is true, else psi(q, v, t).
+    A node is phi(q, t) if its flag in `holonomic` is true, else psi(q, v, t), with the symbols of coordinates,
+    velocities and time.
     """
     if not zeros:
         return ConstraintEquations()

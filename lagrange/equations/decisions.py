@@ -32,7 +32,7 @@ from lagrange.statement.statement import Statement
 SECOND = 2
 
 MOST_TURNING = 4
-"""Largest number of coordinates of a Lagrangian in which centrifugal terms are searched, since M must be inverted."""
+"""Largest number of coordinates for which centrifugal terms are searched, since the mass matrix must be inverted."""
 
 LAW_DIGITS = 30
 ZERO_DIFFERENCE = sympy.Float("1e-15", LAW_DIGITS)
@@ -40,7 +40,7 @@ ZERO_DIFFERENCE = sympy.Float("1e-15", LAW_DIGITS)
 
 
 def visibly_homogeneous(statement: Statement) -> bool:
-    """Return True if every term of the stated kinetic energy visibly has second degree in the velocities."""
+    """Return True if every term of the kinetic energy, as it is stated, has second degree in the velocities."""
     return _degree(statement.kinetic, statement.velocities) == SECOND
 
 
@@ -98,11 +98,11 @@ def seen_mixed(statement: Statement) -> bool:
 
 
 def seen_turning(stated: StatedAlgebra) -> bool:
-    """Return True if L has the terms of a moving frame: v M v/2 + a v + a M^-1 a/2, of which the last are centrifugal.
+    """Return True if the Lagrangian L of `stated` has the terms of a moving frame: v M v/2 + a v + a M^-1 a/2.
 
-    v are the velocities, M is the mass matrix, and a is a vector that depends on coordinates. L of a charge in a field
-    also has terms of first degree and of degree zero, but no centrifugal terms. Terms are compared one by one. So a
-    centrifugal term that was merged with another term is not recognised.
+    v are the velocities, M is the mass matrix, and a is a vector that depends on coordinates. a M^-1 a/2 are the
+    centrifugal terms. L of a charge in a field has terms of first degree and of degree zero, too, but no centrifugal
+    terms. Terms are compared one by one. So a centrifugal term that was merged with another term is not recognised.
     """
     algebra, n = stated.algebra, len(stated.q)
     terms = canonical(algebra, stated.lagrangian)
@@ -148,7 +148,7 @@ Values = dict[Node, Any]
 
 @dataclass(frozen=True, eq=False)
 class StatedLaws:
-    """Expressions of the equations of motion as graph nodes.
+    """Expressions of the equations of motion as graph nodes, in the symbols `q`, `v`, `time` and `parameters`.
 
     `extra` are the stated forces less those of the dissipation, Q - dD/dv. `forces` is dL/dq + extra, with the
     Lagrangian L. `bias` is the right-hand side h of M a = h, with the mass matrix M and the accelerations a.
@@ -169,7 +169,7 @@ class StatedLaws:
 
 @dataclass(frozen=True, eq=False)
 class Decisions:
-    """Decisions about the equations of a statement. Each property is decided when it is first used."""
+    """Properties of the equations of a statement: true, false or undecided. Each is decided when it is first used."""
 
     statement: Statement
     laws: StatedLaws
@@ -230,7 +230,7 @@ class Decisions:
             return None
         if not len(laws.constraints) or not laws.constraints.workless:
             return False
-        # At states that satisfy the constraints, the power may be zero.
+        # At states that satisfy the constraints, the rate of the energy may be zero.
         states = map(self._on_constraints, self._points) if len(laws.constraints) <= MOST_HELD else ()
         return False if any(self._power(state) for state in states if state is not None) else None
 
@@ -241,7 +241,7 @@ class Decisions:
 
     @cached_property
     def _has_power(self) -> bool:
-        """True if the rate of the energy differs from zero at some random state, on the constraints or not."""
+        """True if the rate of the energy is not zero at a random state, which need not satisfy the constraints."""
         return any(self._power(point) for point in self._points)
 
     @cached_property
@@ -318,7 +318,7 @@ class Decisions:
         return False if any(number(point) for point in self._points) else self._by_algebra(proof)
 
     def _by_algebra(self, proof: Callable[[StatedAlgebra], bool]) -> Verdict:
-        """Return True if the proof succeeds within the budget of monomials, else None."""
+        """Return True if the callable `proof` returns True within the budget of monomials, else None."""
         try:
             return proof(self._stated) or None
         except (TooLargeError, RecursionError):
@@ -359,7 +359,7 @@ class Decisions:
         return bool(abs(CONTEXT.fsum([*terms, -slope[0]])) > ZERO_SHARE * max(forces[1], slope[1], *map(abs, terms)))
 
     def _on_constraints(self, point: Values) -> Values | None:
-        """Return `point` moved onto the constraints, or None if that fails."""
+        """Return `point` with its state moved onto the constraints, or None if no such state is found."""
         laws, constraints = self.laws, self.laws.constraints
         indices = range(len(constraints))
         holonomic = [i for i in indices if constraints.positions[i] is not None]
@@ -410,7 +410,7 @@ def _proven_position_only(stated: StatedAlgebra) -> bool:
 
 
 def _free_of(stated: StatedAlgebra, symbol: Any) -> bool:
-    """Return True if it is proven that the Lagrangian does not depend on `symbol`, a coordinate or the time."""
+    """Return True if it is proven that the Lagrangian of `stated` does not depend on `symbol`, such as the time."""
     slope = stated.algebra.differentiate(stated.lagrangian, symbol)
     return not stated.jumps(symbol) and is_identity(stated.algebra, slope)
 
@@ -427,7 +427,7 @@ def _depends_on(node: Node, symbols: Sequence[Node]) -> bool:
 
 
 def _changes(nodes: Sequence[Node], point: Values, symbols: Sequence[Node]) -> bool | None:
-    """Return True if values of nodes at `point` change when values of symbols change. None if they have no values."""
+    """Return True if a node has another value at `point` when the values of `symbols` change. None without a value."""
     other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in symbols}}
     before, after = (values(nodes, at, CONTEXT) for at in (point, other))
     if before is None or after is None:

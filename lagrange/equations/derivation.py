@@ -62,8 +62,9 @@ class MassPoint:
 def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
     """Return the named points whose kinetic energy, half a mass times speed squared, is a term of the stated T.
 
-    Each term is the energy of at most one point. If each component of all velocities is a constant times the velocity
-    of a coordinate, the result is empty, since showing such velocities explains nothing.
+    `page` is the algebra of the statement. Each term is the energy of at most one point. If each component of all
+    velocities is a constant times the velocity of a coordinate, the result is empty, since such velocities explain
+    nothing.
     """
     left = [page.algebra.merge_angles(page.read(term)) for term in Add.make_args(page.statement.kinetic)]
     points, plain = [], True
@@ -107,7 +108,7 @@ def _masses(page: TextbookAlgebra, squared: MonomialSum, terms: list[MonomialSum
 Part = TypeVar("Part")
 
 STATED = 200
-"""Largest number of operations of an L that is also differentiated as stated. SymPy takes 0.1 ms for each."""
+"""Largest number of operations of a Lagrangian that SymPy also differentiates as it is stated, in 0.1 ms for each."""
 
 KINKED = (Abs, sign, Heaviside, Max, Min, Piecewise)
 """Functions with kinks, at which their second derivatives contain Dirac deltas in SymPy."""
@@ -144,7 +145,7 @@ class Derivation:
         return derive, (self.statement, self._page.positive)
 
     def with_named_tables(self) -> tuple[Derivation, tuple[str, ...]]:
-        """Return the derivation with each table of values written as S(argument), and a sentence on each table."""
+        """Return the derivation with each function given by a table written as S(argument), and a sentence on each."""
         statement = self.statement
         expressions = (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)
         expressions += tuple(constraint.expression for constraint in statement.constraints)
@@ -234,7 +235,7 @@ class Derivation:
 
     @cached_property
     def right_sides(self) -> Mapping[Any, Any]:
-        """Right-hand sides h of M a = h + G^T lambda, {coordinate: expression}, with the mass matrix M."""
+        """Right-hand sides h, {coordinate: expression}, of (mass matrix) * accelerations = h + constraint forces."""
         return self._each("the equations of motion", lambda page: map(page.show, page.right_sides))
 
     @cached_property
@@ -305,7 +306,7 @@ class Derivation:
         )
 
     def _divided(self, index: int, solved: Any) -> Any:
-        """Return an acceleration as its equation of motion with each term divided by the mass, such as g - k*(s - d)/m.
+        """Return an acceleration, each term of its equation of motion divided by the mass, such as g - k*(s - d)/m.
 
         `index` is the index of the coordinate. Returns the formula `solved` instead if the equation has other
         accelerations or multipliers, or if L is long.
@@ -377,10 +378,10 @@ class Derivation:
         parts: Callable[[TextbookAlgebra], Iterable[Any]],
         as_stated: Callable[[], Sequence[Any]],
     ) -> Mapping[Any, Any]:
-        """Return expressions by coordinate, each collected or as stated, whichever is shorter and has no kink.
+        """Return {coordinate: expression}, each expression in the shorter of two forms.
 
-        `parts` returns the expressions from sums of monomials, and `as_stated` the same without expanding L. `label` is
-        the name of the expressions in messages.
+        `parts` returns the collected forms from sums of monomials. `as_stated` returns the forms without expanding L.
+        The latter are not used if L is long, nor where they have kinks. `label` names the expressions in messages.
         """
         collected = self._each(label, parts)
         if not self._is_short:
@@ -425,7 +426,7 @@ def _shorter(collected: Any, stated: Any) -> Any:
 def _length(form: Any) -> tuple[int, int]:
     """Return the numbers of operations and of terms of an expression.
 
-    If terms have a common denominator, a division is counted for each term.
+    A term counts one operation more if its numerator has a symbol that is a denominator, as m in (m*g - k*s)/m.
     """
     nodes = [*preorder_traversal(form)]
     below = [node.base for node in nodes if node.is_Pow and node.base.is_Symbol and node.exp.is_negative]

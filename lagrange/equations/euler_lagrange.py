@@ -143,7 +143,7 @@ RELATION = "equation of "  # Prefix of the names of first-order equations. Names
 
 
 def first_order_coordinates(laws: StatedLaws) -> tuple[int, ...]:
-    """Return the indices of the coordinates without inertia whose equations determine their velocities.
+    """Return the indices of the coordinates without inertia whose equations in `laws` determine their velocities.
 
     They are called coordinates of first order. Coordinates in constraints are not among them. The equations of such
     coordinates are the relations 0 = h. If the relation of a coordinate determines no velocity, the coordinate is left
@@ -169,11 +169,11 @@ def first_order_coordinates(laws: StatedLaws) -> tuple[int, ...]:
 
 
 def without(first_order: Sequence[int], motion: MotionForm, rates: Mapping[Node, Node]) -> MotionForm:
-    """Return the equations with p, f and h set to zero for the coordinates of first order.
+    """Return the equations `motion` with zero momenta, forces and bias for the coordinates of first order.
 
-    `first_order` has the indices of these coordinates. Their equations are relations between velocities, and are added
-    to the constraints. `rates` maps their velocities to the values from these relations. These values replace the
-    velocities in the other entries.
+    These coordinates have no inertia. `first_order` has their indices. Their equations are relations between
+    velocities, and are added to the constraints. `rates` maps their velocities to the values from these relations.
+    These values replace the velocities in the other entries.
     """
     if not first_order:
         return motion
@@ -203,15 +203,16 @@ def with_relations(
 
 
 MOST_SETTLED = 12
-"""Largest number of coupled first-order equations that are solved as formulas, in n**3/3 operations for n of them."""
+"""Largest number n of coupled first-order equations that are solved as formulas, which takes n**3/3 operations."""
 
 
 def first_order_rates(solved: ConstraintEquations, first_order: Sequence[int], v: Sequence[Node]) -> dict[Node, Node]:
     """Return {velocity: formula} for the coordinates of first order, solved from their equations.
 
-    `first_order` has the indices of these coordinates. Their equations are the last ones of `solved`, in this order. A
-    state may have other velocities, after a jump of a force or if the start leaves them at zero. The result is {} if
-    the equations are not linear in the velocities, do not determine them, or are coupled and more than `MOST_SETTLED`.
+    These coordinates have no inertia. `first_order` has their indices, and `v` the symbols of all velocities. Their
+    equations are the last ones of `solved`, in this order. The velocities in a state may differ from the formulas after
+    a jump of a force, or if the start leaves them at zero. The result is {} if the equations are not linear in the
+    velocities, do not determine them, or are coupled and more than `MOST_SETTLED`.
     """
     count = len(first_order)
     square = [[row[i] for i in first_order] for row in solved.gradient[-count:]]
@@ -227,7 +228,7 @@ def first_order_rates(solved: ConstraintEquations, first_order: Sequence[int], v
 
 
 def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Sequence[Node]) -> list[Node]:
-    """Return multipliers of all constraints that give the same forces as the multipliers of independent constraints.
+    """Return multipliers of all constraints `stated` that give the same forces as those of independent constraints.
 
     `kept` has the indices of the independent constraints, and `multipliers` their multipliers. The forces can be shared
     among dependent constraints in many ways. The result has the least norm.
@@ -316,7 +317,10 @@ class Equations:
 
     @property
     def unsettled(self) -> bool:
-        """True if velocities of coordinates without inertia are used as in a state, and must satisfy equations."""
+        """True if there are coordinates without inertia whose velocities are not computed by formulas.
+
+        These velocities are then taken from the state, which must satisfy the equations of these coordinates.
+        """
         return bool(self.first_order) and not self.settled
 
     @cached_property
@@ -332,7 +336,7 @@ class Equations:
 
     @property
     def solution(self) -> tuple[Node, ...]:
-        """Nodes of the unknowns for which `plan` solves: the accelerations, then `impulses` with the opposite sign."""
+        """Unknowns for which `plan` solves: accelerations, then the multipliers `impulses` with the opposite sign."""
         return (*self.accelerations, *(-impulse for impulse in self.impulses))
 
     def translate(self, expression: Any) -> Node:
@@ -355,7 +359,7 @@ class Equations:
 
 
 def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> Equations:
-    """Return the equations of motion. `kept` are the indices of the independent constraints (None: all)."""
+    """Return the equations of motion of a statement; `kept` are the indices of independent constraints (None: all)."""
     graph = Graph()
     q, v, time, parameters = _symbols(graph, statement)
     symbols = (*statement.coordinates, *statement.velocities, t, *statement.parameters)
@@ -417,7 +421,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
 
 
 def conjugate_momenta(lagrangian: Node, v: Sequence[Node]) -> list[Node]:
-    """Return the momenta p = dL/dv, one for each of the velocities `v`. L is the Lagrangian."""
+    """Return the momenta p = dL/dv of the `lagrangian` L, one for each of the velocities `v`."""
     return gradient(lagrangian, v)
 
 
@@ -427,7 +431,7 @@ def applied_forces(forces: Sequence[Node], dissipation: Node, v: Sequence[Node])
 
 
 def generalized_forces(lagrangian: Node, q: Sequence[Node], applied: Sequence[Node]) -> list[Node]:
-    """Return the forces dL/dq + `applied`, one for each of the coordinates `q`. L is the Lagrangian."""
+    """Return the forces dL/dq + `applied` of the `lagrangian` L, one for each of the coordinates `q`."""
     return [slope + force for slope, force in zip(gradient(lagrangian, q), applied, strict=True)]
 
 
@@ -448,7 +452,8 @@ def mass_matrix(momenta: Sequence[Node], v: Sequence[Node]) -> tuple[tuple[Node,
 def check_inertia(names: Sequence[str], laws: StatedLaws, first_order: Sequence[int]) -> None:
     """Raise StatementError for a coordinate without inertia and without constraints, unless it is of first order.
 
-    `laws` has the mass matrix, and `first_order` the indices of coordinates of first order.
+    `names` are those of all coordinates, `laws` has the mass matrix, and `first_order` the indices of coordinates of
+    first order.
     """
     for i, (name, row) in enumerate(zip(names, laws.mass, strict=True)):
         column = (line[i] for line in laws.constraints.gradient)
@@ -470,7 +475,8 @@ def bias_forces(
 ) -> list[Node]:
     """Return the right-hand sides h = f - (dp/dq) v - dp/dt of the equations M a = h, n nodes.
 
-    f are the `forces`, p the `momenta`, M is the mass matrix, and a are the accelerations.
+    f are the `forces`, p the `momenta`, q, v and t the symbols of coordinates, velocities and time. M is the mass
+    matrix, and a are the accelerations.
     """
     along = tangents(momenta, {**dict(zip(q, v, strict=True)), **time.graph.rates})
     return [force - along(momentum) for force, momentum in zip(forces, momenta, strict=True)]
@@ -525,7 +531,7 @@ def _symbols(graph: Graph, statement: Statement) -> tuple[tuple[Node, ...], tupl
 
 
 def node_of(expression: Any, statement: Statement, equations: Equations) -> Node:
-    """Return an expression as a node of the equations. Raises StatementError for unknown symbols."""
+    """Return a user's expression as a node of the statement's equations. Raises StatementError for unknown symbols."""
     stated = expression_of(expression, "the expression")
     expression = in_own_parameters(stated, statement.parameters)
     survey = Survey().add(expression, "the expression", accelerations=True, multipliers=True)

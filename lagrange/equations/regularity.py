@@ -124,7 +124,8 @@ def _multipliers(equations: Equations, system_name: str, constraint_names: Seque
 
 
 RANDOM_STATES = 8
-"""Number of random states tested, and of states near the initial one. One with determined accelerations suffices."""
+"""Number of random states, and of states near the initial one, at which a new system is tested. The test is passed if
+one of them has determined accelerations."""
 
 NEAR_ATTEMPT = 4  # Attempt of the sampler at which its points are about 3 % away from the initial state
 
@@ -138,8 +139,8 @@ It returns the projected states, without those whose projection failed.
 def equations_of(statement: Statement, reach: Reach) -> Equations:
     """Return the equations of motion, without redundant constraints if the statement allows such constraints.
 
-    `reach` is a function that finds states on the constraints; it is called if constraints are dependent. Raises
-    StatementError if the accelerations are undetermined at every state tried.
+    `reach` projects states onto the constraints; it is called if constraints are dependent. Raises StatementError if
+    the accelerations are undetermined at every state tried.
     """
     statement = known_statement(statement)
     equations = allowed_equations(statement, reach)
@@ -202,7 +203,10 @@ def _check_mass_matrix(equations: Equations, statement: Statement) -> None:
 
 
 def _check_constraints(samples: RegularityPoints, reach: Reach) -> None:
-    """Raise StatementError for constraints that are empty, dependent, or allow a motion without inertia."""
+    """Raise StatementError for constraints that are empty, dependent, or allow a motion without inertia.
+
+    `samples` are the points at which this is tested, and `reach` projects states onto the constraints.
+    """
     equations, constraints = samples.equations, samples.equations.constraints
     entries = [entry for row in constraints.gradient for entry in row]
     shape = (len(constraints), len(equations.q), -1)
@@ -274,7 +278,7 @@ def independent_rows(rows: FloatArray) -> tuple[int, ...]:
 
 
 class RegularityPoints:
-    """Points at which regularity is tested: random ones of order one, the initial state, and points near it."""
+    """Points at which the equations are tested: random ones of order one, the initial state, and points near it."""
 
     def __init__(self, equations: Equations, statement: Statement) -> None:
         self.equations, self.statement, sampler = equations, statement, Sampler(statement, 7)
@@ -286,7 +290,7 @@ class RegularityPoints:
         self.points = [(*point.q, *point.v, *point.parameters.values(), point.t) for point in every]
 
     def reached(self, reach: Reach) -> tuple[list[FloatArray], FloatArray]:
-        """Return states (2n,) on the constraints, and the parameters (k,).
+        """Return states (2n,) on the constraints, and the parameters (k,) for which they satisfy them.
 
         `reach` projects the initial state and the random ones onto the constraints.
         """
@@ -306,10 +310,10 @@ class RegularityPoints:
 
 
 def _common_singular(mass: FloatArray, gradient: FloatArray) -> tuple[Singular | None, int]:
-    """Return the singularity at the first finite state, and the index of this state.
+    """Return the cause of undetermined accelerations at the first finite state, and the index of this state.
 
-    `mass` are the mass matrices (n, n, k) and `gradient` the gradients of constraints (m, n, k) at k states. The first
-    result is None unless the equations are singular at all states at which these are finite.
+    `mass` are the mass matrices (n, n, k) and `gradient` the gradients of constraints (m, n, k) at k states. A state is
+    finite if these are. The first result is None unless the equations are singular at all finite states.
     """
     first: tuple[Singular | None, int] = None, 0
     for k in range(mass.shape[2]):

@@ -24,13 +24,12 @@ from lagrange.statement.space import body_rates
 FloatArray = NDArray[np.float64]
 
 Values = Callable[[float, FloatArray, FloatArray], FloatArray]
-"""Function of t, a state (2n,) and parameters (k,)."""
+"""Function that returns an array of values of a quantity, from time, a state (2n,) and parameters (k,)."""
 
 RANK = 1e-13  # Smaller singular values of a balanced matrix, relative to the largest, count as zero
 
 NEARLY_SINGULAR = 1e-6
-"""If the smallest relative singular value is above this, the message says that the mass matrix is singular, not the
-constraints."""
+"""Threshold of `Singular.regularity`, above which a message blames the mass matrix instead of the constraints."""
 
 DEPENDENT = 1e-8
 """Gradients of constraints count as dependent if their least singular value is below this fraction of the largest.
@@ -54,9 +53,10 @@ class Provider(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Singular:
-    """Singularity: dependent `rows` of G as pairs (index, factor), or a `motion` (n,) without inertia.
+    """Cause of undetermined accelerations: dependent constraints, or velocities `motion` (n,) without inertia.
 
-    The sum of factor times row is zero. `regularity` is the least singular value divided by the largest.
+    `rows` are pairs (index of a constraint, factor): the sum of factor times gradient is zero. `regularity` is the
+    least singular value divided by the largest, of the gradients or of the mass matrix.
     """
 
     regularity: float
@@ -77,7 +77,7 @@ def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the entries A_ij / (s_i s_j) of A, the `matrix`, with s, the `scale`.
+    """Return the matrix with the entries A_ij / (s_i s_j), where A is `matrix` and s are the scale factors `scale`.
 
     Each entry is divided twice, since the product of two scales may underflow.
     """
@@ -85,7 +85,7 @@ def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
 
 
 def scales(mass: FloatArray, gradient: FloatArray) -> FloatArray:
-    """Return the factors s (n + m,) that balance rows and columns of [[M, G^T], [G, 0]].
+    """Return the scale factors s (n + m,) of A = [[M, G^T], [G, 0]]: the rows of A_ij / (s_i s_j) have similar sizes.
 
     `mass` is the mass matrix M (n, n), and `gradient` the gradient G (m, n) of the constraints.
     """
@@ -129,8 +129,8 @@ def _whole(mass: FloatArray, gradient: FloatArray) -> FloatArray:
 def _dependent(scaled: FloatArray, scale: FloatArray, *, normalised: bool) -> Singular:
     """Return the linear combination of the gradients of constraints that is nearest to zero, as a `Singular`.
 
-    `scaled` (m, n) are the balanced gradients, and `scale` their scale factors. If `normalised` is true, each gradient
-    is first divided by its length.
+    `scaled` (m, n) are the gradients, divided by the factors `scale` (m,) that balance them. If `normalised` is true,
+    each gradient is then divided by its length.
     """
     sizes = np.sqrt((scaled**2).sum(axis=1))
     units = np.where(sizes > 0, sizes, 1.0) if normalised else np.ones(len(scaled))
@@ -160,7 +160,8 @@ def matrices_at(
 def singular_sentence(provider: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray) -> str:
     """Return the message for a state `y` (2n,) at which the accelerations are not determined.
 
-    It names the time and the coordinates, what is singular at this state, and the remedy.
+    It names the time t and the coordinates, what is singular at this state, and the remedy. `provider` evaluates the
+    matrices of the `equations` for the values `parameters` (k,).
     """
     layout, names = equations.layout, equations.constraints.names
     state_text = ", ".join(
@@ -194,7 +195,7 @@ def _zeros_without_inertia(
     """Return the names of parameters whose value 0 leaves a motion without inertia at all states, not only at `y`.
 
     These are the parameters that make the matrices regular if one of them is 1 instead. If there are none, all
-    parameters that are zero are returned.
+    parameters that are zero are returned. `provider` evaluates the matrices of the `equations` at the time t.
     """
     elsewhere = y + np.sin(np.arange(1, len(y) + 1))
 
@@ -249,7 +250,7 @@ def motion_along(layout: StateLayout, q: Sequence[float] | FloatArray, null: Flo
 
 
 def no_inertia_along(motion: str) -> str:
-    """Return the beginning of a message on a motion without inertia, whose text is that of `motion_along`."""
+    """Return the beginning of a message on velocities without inertia; `motion` is their text from `motion_along`."""
     if "," in motion:
         return f"a motion with {motion} has no inertia"
     name, _, axis = motion.removesuffix(" = 1").removesuffix(".dot").partition("_body_")

@@ -25,23 +25,23 @@ from lagrange.statement.run_settings import check_time
 
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
-    """Return the diagonal blocks of a symmetric matrix as sorted lists of indices.
+    """Return the groups of indices that the nonzero entries of a symmetric matrix couple, as sorted lists.
 
-    `nonzero` has flags of its entries.
+    `nonzero` has True for each entry of the matrix that is not zero.
     """
     neighbours = [[j for j, present in enumerate(row) if present] for row in nonzero]
     return list(map(list, coupled(neighbours)))
 
 
 LEAST_REFUSED_BLOCK = 12
-"""Least size n of a block without zeros that is refused at once. Its nested cofactors have at least n 2**(n - 1)
-operations, 24,000."""
+"""Least size n of a block without zeros whose solution is not written as formulas. Its nested cofactors would have at
+least n 2**(n - 1) operations, 24,000."""
 
 
 def has_large_block(nonzero: Sequence[Sequence[bool]]) -> bool:
-    """Return True if a block of a symmetric matrix is too large for formulas of a solution and has no zeros.
+    """Return True if a symmetric matrix has a block without zeros that is too large to be solved by formulas.
 
-    `nonzero` is the matrix of flags, true for entries that are not zero.
+    `nonzero` has True for each entry of the matrix that is not zero.
     """
     blocks = (block for block in coupled_blocks(nonzero) if len(block) >= LEAST_REFUSED_BLOCK)
     return any(all(nonzero[i][j] for i in block for j in block) for block in blocks)
@@ -83,9 +83,9 @@ def _minor(
 
 
 def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
-    """Return True if the determinant of a matrix is zero at a generic point.
+    """Return True if the determinant of a matrix of expressions is zero where its symbols have arbitrary values.
 
-    The determinant is computed in 40 digits and 10 more for each row, since that of a chain of 24 links is 1e-30.
+    It is computed in 40 digits and 10 more for each row, since the determinant of a chain of 24 links is 1e-30.
     """
     digits = 40 + 10 * len(matrix)
     point = distinct_values(sorted(sympy.Tuple(*(entry for row in matrix for entry in row)).free_symbols, key=str))
@@ -97,14 +97,17 @@ def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
 
 
 def value_somewhere(expression: Any) -> float:
-    """Return the value of an expression in which each symbol is replaced by a different arbitrary number."""
+    """Return the value of an expression for arbitrary, different values of its symbols, to tell whether it is zero."""
     leaves = sorted(expression.atoms(AppliedUndef, Derivative), key=str)
     plain = expression.xreplace({leaf: sympy.Dummy(str(leaf)) for leaf in leaves})
     return float(sympy.N(plain.xreplace(distinct_values(sorted(plain.free_symbols, key=str))), 30))
 
 
 def distinct_values(symbols: Iterable[Any]) -> dict[Any, Any]:
-    """Return {symbol: positive rational number of order one}. The numbers differ and have no simple relations."""
+    """Return {symbol: positive rational number of order one}, for tests whether an expression is zero.
+
+    The numbers differ and have no simple relations.
+    """
     ordered = dict.fromkeys(symbols)
     return {symbol: Rational(2 * i + 3, 2 * i + 7) + Rational(1, i + 11) for i, symbol in enumerate(ordered)}
 
@@ -265,12 +268,12 @@ class SolvePlan:
 
     @property
     def inverted(self) -> bool:
-        """True if the matrix has to be factored or inverted along the motion: it changes and is not diagonal."""
+        """True if the matrix has to be factored at each state: it changes along the motion and is not diagonal."""
         return self.moving and not self.diagonal
 
     @cached_property
     def triangle(self) -> tuple[tuple[int, int], ...]:
-        """Index pairs (i, j) of the entries that are used: lower triangles by rows, block by block."""
+        """Index pairs (i, j) of the matrix entries that the solution uses: lower triangles by rows, block by block."""
         lower = ((block[a], block[b]) for block in self.blocks for a in range(len(block)) for b in range(a + 1))
         return tuple(entry for entry in lower if self.present is None or entry in self.present)
 
@@ -279,7 +282,7 @@ class SolvePlan:
         return tuple(index for index, unknown in enumerate(block) if unknown in self.multipliers)
 
     def solved(self, matrix: Sequence[Sequence[Node]], right: Sequence[Node]) -> list[Node]:
-        """Return the solution x of matrix * x = right. All right-hand sides use the same factors of a matrix."""
+        """Return the solution x of matrix * x = right. A matrix is factored once for all right-hand sides."""
         return self.solver(matrix)(right)
 
     def solver(self, matrix: Sequence[Sequence[Node]]) -> Callable[[Sequence[Node]], list[Node]]:
@@ -307,7 +310,10 @@ class SolvePlan:
 
 
 def plan_of(matrix: Sequence[Sequence[Node]], multipliers: tuple[int, ...] = ()) -> SolvePlan:
-    """Return the plan to solve linear systems with a symmetric matrix of nodes. `multipliers` have negative pivots."""
+    """Return the plan to solve linear systems with a symmetric matrix of nodes.
+
+    `multipliers` are the indices of unknowns with negative pivots.
+    """
     n = len(matrix)
     moving = any(entry.binding > Binding.PARAMETER for row in matrix for entry in row)
     neighbours = [[j for j in range(n) if matrix[i][j] is not matrix[i][j].graph.zero] for i in range(n)]
@@ -338,7 +344,7 @@ def coupled(neighbours: Sequence[Sequence[int]]) -> tuple[tuple[int, ...], ...]:
 
 
 def eliminated(matrix: Sequence[Sequence[Node]], right: Sequence[Node], order: Sequence[int]) -> list[Node]:
-    """Return the solution x of matrix * x = right for a regular matrix, by elimination in this order.
+    """Return the solution x of matrix * x = right for a regular matrix. Unknowns are eliminated in the given `order`.
 
     Rows are exchanged if a pivot is zero. The result consists of sums and products. Unlike the solution by a
     `SolvePlan`, it needs no special rule in Taylor series.

@@ -27,7 +27,7 @@ class Structure:
     - `free` are coordinates without force, dissipation and constraint.
     - `brief` is true if time is in a function other than a polynomial, a sine or a cosine. So a force may act for a
       moment only.
-    - `constraints` are the names of the constraints, and `nonlinear` of those not linear in velocities.
+    - `constraints` are the names of the constraints, and `nonlinear` the names of those not linear in velocities.
     - `workless` is true if constraint forces do no work.
     - `first_order` are coordinates without inertia.
     - `freedoms` is the number of independent velocities. A rotation has three, although its quaternion has four.
@@ -63,7 +63,7 @@ class Structure:
 
     @property
     def may_keep_energy(self) -> bool:
-        """False if constraints may do work, or if values show that the energy changes. No algebra is done."""
+        """False if constraints may do work, or if numbers show that the energy changes; else True, without a proof."""
         return self.workless and self.decisions.power_seen is not False
 
     @property
@@ -195,7 +195,7 @@ def find_structure(
 
 
 def _is_brief(node: Node) -> bool:
-    """Return True if a function of time, such as exp or 1/t, may differ from zero only for a moment."""
+    """Return True if a function of time, such as exp or 1/t, may be a pulse that is zero except for a moment."""
     if node.kind is Kind.CALL:
         return node.data not in ("sin", "cos")
     return node.kind is Kind.POWER and not (isinstance(node.data, int) and node.data > 0)

@@ -21,7 +21,7 @@ ONE: Monomial = ()
 
 
 def raise_power(powers: dict[int, Any], factor: int, exponent: Any) -> None:
-    """Multiply a monomial {index of a factor: exponent} by one more power of `factor`, an index, in place."""
+    """Multiply a monomial {index of a factor: exponent} by factor number `factor` to the power `exponent`, in place."""
     total = powers.get(factor, 0) + exponent
     if total == 0:
         del powers[factor]
@@ -39,7 +39,7 @@ def accumulate(terms: MonomialSum, monomial: Monomial, number: Any) -> None:
 
 
 def common_factor(terms: MonomialSum) -> tuple[Any, Monomial, MonomialSum]:
-    """Return (number, monomial, rest), whose product is the sum. The rest has smallest integer coefficients."""
+    """Return (number, monomial, rest), whose product is the sum. The rest has coprime integer coefficients."""
     if not terms:
         return S.One, ONE, terms
     number = Rational(
@@ -71,11 +71,11 @@ _CO = {sympy.sin: sympy.cos, sympy.cos: sympy.sin}
 
 
 class TooLargeError(Exception):
-    """Error: a sum is too large to be read by a person. Callers turn the exception into a message."""
+    """Error: a sum has too many monomials for a proof, or for a person to read. Callers turn it into a message."""
 
 
 class Magnitude(Function):
-    """Function |x| of a real x, with the derivative sign(x). That of SymPy's Abs has re(x), unless x is known real."""
+    """Function |x| of a real x, whose derivative is sign(x). SymPy's derivative of Abs has re(x) for a general x."""
 
     is_real = True
 
@@ -85,7 +85,7 @@ class Magnitude(Function):
 
 
 class _Flat(Function):
-    """Base class of functions of a real x whose derivative is zero, so that equations contain no Dirac delta."""
+    """Base class of functions of a real x that jump. Their derivative is zero, so equations have no Dirac delta."""
 
     is_real = True
 
@@ -95,15 +95,15 @@ class _Flat(Function):
 
 
 class Direction(_Flat):
-    """Function sign(x) of a real x."""
+    """Function sign(x) of a real x, in place of SymPy's sign, whose derivative is a Dirac delta."""
 
 
 class Step(_Flat):
-    """Heaviside's step function of a real x."""
+    """Step function of a real x, in place of SymPy's Heaviside, whose derivative is a Dirac delta."""
 
 
 def differentiable(expression: Any) -> Any:
-    """Return the expression with |x|, sign, Heaviside, Min and Max in forms that have ordinary derivatives."""
+    """Return the expression with Abs, sign, Heaviside, Min and Max in forms whose derivatives have no Dirac delta."""
     return _exchange(
         expression,
         {
@@ -122,7 +122,7 @@ def printable(expression: Any) -> Any:
 
 
 def with_known_signs(expression: Any) -> Any:
-    """Return the expression with |x|, sign and Heaviside evaluated if the sign of x is known: sign(0) is 0."""
+    """Return the expression with |x|, sign(x) and steps evaluated where the sign of x is known: sign(0) becomes 0."""
 
     def is_known(node: Any) -> bool:
         return node.func in (Magnitude, Direction, Step) and not printable(node).has(
@@ -139,9 +139,10 @@ def _exchange(expression: Any, table: Mapping[Any, Any]) -> Any:
 
 
 class Algebra:
-    """Arithmetic on sums of monomials (`MonomialSum`) over one growing table of factors.
+    """Arithmetic on sums of monomials (`MonomialSum`). Monomials refer by index to one growing table of factors.
 
-    `budget` is the number of monomials that may still be created. Operations raise TooLargeError beyond this number.
+    A factor is a symbol, a function such as sin(x), or a sum in parentheses. `budget` is the number of monomials that
+    may still be created. Operations raise TooLargeError beyond this number.
     """
 
     def __init__(self, budget: int) -> None:
@@ -189,7 +190,7 @@ class Algebra:
         return total
 
     def scale(self, terms: MonomialSum, number: Any) -> MonomialSum:
-        """Return the sum times a SymPy number other than zero."""
+        """Return the sum `terms` times `number`, a SymPy number other than zero."""
         return {monomial: number * value for monomial, value in terms.items()}
 
     def multiply(self, a: MonomialSum, b: MonomialSum) -> MonomialSum:
@@ -237,7 +238,7 @@ class Algebra:
             self.budget = max(self.budget, 0) + reserve
 
     def unfold(self, terms: MonomialSum) -> MonomialSum:
-        """Return the sum with whole positive powers of short sums in parentheses expanded."""
+        """Return the sum with whole positive powers of short sums expanded: a (x + y)**2 becomes a x**2 + ..."""
 
         def unfolded(monomial: Monomial, number: Any) -> MonomialSum:
             sums = [(k, e) for k, e in monomial if isinstance(e, int) and e > 0 and self.factors[k].is_Add]
@@ -254,8 +255,8 @@ class Algebra:
     def merge_angles(self, terms: MonomialSum) -> MonomialSum:
         """Return the sum simplified by sin^2 + cos^2 = 1 and the addition theorems.
 
-        A replacement is made only if it lowers the number of terms, or keeps the number and lowers the degree. So the
-        loop ends.
+        Terms are replaced only if this lowers their number, or keeps their number and lowers their degree. So the
+        replacements come to an end.
         """
         terms = dict(terms)
         changed = True
@@ -286,11 +287,11 @@ class Algebra:
         return False
 
     def _identities(self, monomial: Monomial) -> Iterator[tuple[Monomial, int, tuple[Monomial, Any], bool]]:
-        """Yield (partner, sign, (rest, expression), exact) for monomial + sign * partner = rest * expression.
+        """Yield (partner, sign, (rest, expression), exact): each says monomial + sign * partner = rest * expression.
 
-        These are the identities of sines and cosines that join a monomial with a `partner`, if the sum contains both.
-        If `exact` is true, the identity is used only if both terms have equal coefficients. Otherwise the sum would not
-        get shorter.
+        The identities are sin^2 + cos^2 = 1 and the addition theorems. The monomial m sin(a)**2 has the partner
+        m cos(a)**2, the rest m and the expression 1. If `exact` is true, both terms must have equal coefficients, since
+        otherwise the sum would not get shorter.
         """
         circular = [(k, self._angles[k]) for k, e in monomial if k in self._angles and isinstance(e, int) and e > 0]
         exponents = dict(monomial)
@@ -439,7 +440,10 @@ class Algebra:
         )
 
     def _tidy(self, expression: Any) -> Any:
-        """Return the argument of a root or function, merged and with its common factor taken out if that is shorter."""
+        """Return `expression`, the argument of a root or function, with merged terms and its common factor taken out.
+
+        It is returned unchanged if that is not shorter.
+        """
         if not isinstance(expression, Expr) or not expression.is_Add:
             return expression
         number, monomial, rest = common_factor(self.merge_angles(self.read(expression)))

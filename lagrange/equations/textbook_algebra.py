@@ -43,7 +43,7 @@ from lagrange.statement.coordinate import acceleration_of, name_of, t
 from lagrange.statement.statement import Statement
 
 JUMPING = (sympy.Piecewise, sympy.sign, sympy.Heaviside, sympy.Max, sympy.Min)
-"""Functions with jumps in their values or derivatives. Their derivatives do not show the jumps."""
+"""SymPy functions whose value or slope may jump. Their derivatives, as computed here, do not show the jumps."""
 
 
 class SmallTurn(NamedTuple):
@@ -63,8 +63,8 @@ class StatedAlgebra:
     """Stated energies, forces and constraints of a system as sums of monomials in real symbols.
 
     Coordinates and velocities are dummy symbols, so that a parameter or coordinate with the name of a velocity differs
-    from the velocity. Each part is computed once. `budget` is the largest number of monomials. A part that needs more
-    raises TooLargeError.
+    from the velocity. Each part is computed once. `budget` is the number of monomials that may be created. A part that
+    needs more raises TooLargeError.
     """
 
     def __init__(self, statement: Statement, budget: int, positive: Collection[str] = ()) -> None:
@@ -80,7 +80,7 @@ class StatedAlgebra:
             self.plain[statement.velocities[i]] = self.v[i]
             self.plain[acceleration_of(coordinate)] = self.a[i]
         self.entries = [tuple(Dummy(name_of(f), real=True) for f in entries) for entries in statement.entries]
-        """Symbols of the entries of each rotation matrix, nine by rows, in a statement with small turns."""
+        """Nine symbols of the entries of each rotation matrix, by rows; empty for a statement without small turns."""
         for functions, symbols in zip(statement.entries, self.entries, strict=True):
             self.plain |= dict(zip(functions, symbols, strict=True))
         self.decimal = False
@@ -137,7 +137,7 @@ class StatedAlgebra:
 
     @cached_property
     def turns(self) -> list[SmallTurn]:
-        """Small turns that describe rotations: the last coordinates, three for each rotation."""
+        """Small turns of the bodies about their axes, three for each body. They are the last coordinates."""
         first = len(self.q) - 3 * len(self.entries)
         return [
             SmallTurn(begin + k, (begin + (k + 1) % 3, begin + (k + 2) % 3), entries, k)
@@ -181,9 +181,9 @@ class StatedAlgebra:
         return self.algebra.read(differentiable(plain))
 
     def jumps(self, *symbols: Any, twice: bool = False) -> bool:
-        """Return True if L, D or a force has one of the symbols inside a function that jumps, such as sign.
+        """Return True if L, the dissipation or a force has one of `symbols` inside a function that jumps, such as sign.
 
-        If `twice` is true, functions whose derivative jumps count too, such as Abs.
+        If `twice` is true, Abs counts too, whose derivative jumps.
         """
         statement = self.statement
         stated = (statement.lagrangian, statement.dissipation, *statement.forces)
@@ -193,19 +193,22 @@ class StatedAlgebra:
 
 
 BUDGET = 300_000
-"""Largest number of monomials of one part, which take 3 to 4 s. The equations of a chain of 30 links have 200,000."""
+"""Largest number of monomials that one part of a derivation creates, such as its energy. They take 3 to 4 s. The
+equations of a chain of 30 links have 200,000."""
 EXPANDED_BLOCK = 3
-"""Largest number of coupled coordinates whose accelerations are solved with expanded and merged determinants."""
+"""Largest number of coupled coordinates whose accelerations are solved by determinants that are multiplied out. The
+determinants of larger blocks stay nested."""
 EXPANDED_WITH_MULTIPLIERS = 6
-"""Largest number of coupled accelerations and multipliers solved in this way. Half of their matrix is zero, and other
-terms often cancel. Two masses on two rods, six unknowns, take 0.3 s, with formulas a third as long as nested ones."""
+"""Largest number of coupled accelerations and multipliers that are solved by determinants that are multiplied out. Half
+of their matrix is zero, and other terms often cancel. Two masses on two rods, six unknowns, take 0.3 s, with formulas a
+third as long as nested ones."""
 EXPANDED_TERMS = 10_000
-"""Largest number of monomials of an expanded solution, which take 0.1 s. Longer formulas stay nested. Three links need
-2,000."""
+"""Largest number of monomials of a solution by determinants that are multiplied out. They take 0.1 s. The determinants
+of longer solutions stay nested. Three links need 2,000."""
 LONGEST_FORMULA = 20_000  # Largest number of operations in one acceleration, about 50 printed pages
 LONGEST_SLOPES = 5_500
-"""Largest number of operations in the derivatives of L by all coordinates together. 15 bodies with forces between all
-pairs have 5,000, and their derivation takes 6 s. A chain of 30 links has 2,000."""
+"""Largest number of operations in the derivatives of L by all coordinates together. With more, a derivation is refused.
+15 bodies with forces between all pairs have 5,000, and their derivation takes 6 s. A chain of 30 links has 2,000."""
 LARGEST_FRACTION = 10**6
 """Largest numerator and denominator of fractions that are shown, if the statement has decimals."""
 
@@ -227,8 +230,8 @@ class TextbookAlgebra(StatedAlgebra):
     def pulls(self) -> list[MonomialSum]:
         """Generalized forces dL/dq, one for each coordinate.
 
-        For a small turn, the force is the derivative of L along the turn, plus the component of p x w about its axis. w
-        are the rates of the body.
+        For a small turn, the force is the derivative of L along the turn, plus the component of p x w about its axis,
+        with the angular momentum p and the rates w of the body.
         """
         self.require_short_slopes()
         slopes = [self.algebra.differentiate(self.lagrangian, q) for q in self.q]
@@ -269,7 +272,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def right_sides(self) -> list[MonomialSum]:
-        """Right-hand sides h of M a = h + G^T lambda, one for each coordinate: the stated forces less `remainders`."""
+        """Right-hand sides h of M a = h + constraint forces, for each coordinate: stated forces less `remainders`."""
         forces = [self.read(force) for force in self.statement.forces]
         return [
             self.algebra.merge_angles(self.algebra.add(force, self.algebra.scale(rest, S.NegativeOne)))
@@ -277,9 +280,10 @@ class TextbookAlgebra(StatedAlgebra):
         ]
 
     def accelerated(self, rests: Sequence[MonomialSum]) -> list[Any]:
-        """Return M a + rest for each coordinate, in the stated symbols. Each acceleration is written once.
+        """Return M a + rest, one expression for each coordinate, in the stated symbols.
 
-        `rests` has one sum of monomials for each coordinate.
+        `rests` has one sum of monomials for each coordinate, such as `remainders`. An expression has one term for each
+        acceleration.
         """
         return [
             self.finish(
@@ -403,7 +407,7 @@ class TextbookAlgebra(StatedAlgebra):
         return self.finish(self.collector.write(shortened(self.algebra, terms)))
 
     def finish(self, expression: Any) -> Any:
-        """Return the expression in the stated symbols. Fractions that are hard to read become decimals again."""
+        """Return an expression with the stated symbols in place of dummies, and decimals for fractions hard to read."""
         expression = printable(expression).xreplace(self.stated)
         if not self.decimal:
             return expression
@@ -416,7 +420,7 @@ class TextbookAlgebra(StatedAlgebra):
 
 
 def _unreadable(number: Any) -> bool:
-    """Return True if a fraction is better shown as a decimal, as 981/100, but not 1/2 and 1/3."""
+    """Return True for a fraction that is better shown as a decimal, such as 981/100; False for 1/2 and 1/3."""
     numerator, denominator = abs(int(number.p)), int(number.q)
     if max(numerator, denominator) > LARGEST_FRACTION:
         return True
@@ -428,7 +432,7 @@ def _unreadable(number: Any) -> bool:
 
 
 ROUNDS = 6
-"""Largest number of rounds in which roots and quotients are multiplied out. Each round removes one level of nesting."""
+"""Largest number of rounds of a proof. Each round multiplies out roots and quotients, and removes one level of them."""
 
 MOST_PROOF_MONOMIALS = 40_000  # Largest number of monomials of one proof, which take half a second
 _COMPOSITE = (sympy.sin, sympy.cos, sympy.sinh, sympy.cosh, sympy.tan)
@@ -445,7 +449,7 @@ def is_identity(algebra: Algebra, terms: MonomialSum) -> bool:
 
 
 def canonical(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return a multiple of the sum in reduced form. It is empty if the sum is proven to be zero."""
+    """Return a multiple of the sum as a polynomial in nearly independent factors. It is empty for a proven zero."""
     terms = algebra.merge_angles(terms)
     for _ in range(ROUNDS):
         if not terms:
@@ -458,7 +462,7 @@ def canonical(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _cleared(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum multiplied by its denominators, with whole powers of sums expanded."""
+    """Return the sum multiplied by its denominators, with powers of sums expanded: x/(y + z) + 1 becomes x + y + z."""
     lowest: dict[int, Any] = {}
     for monomial in terms:
         for k, e in monomial:
@@ -480,7 +484,7 @@ def _cleared(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> MonomialSum:
-    """Return `product` times factor number `k` to a power 0, 1, 2, ... A factor that is a sum is multiplied out."""
+    """Return `product` times factor `k` of the algebra to the power `exponent` >= 0. A sum is multiplied out."""
     factor = algebra.factors[k]
     if not exponent:
         return product
@@ -493,7 +497,10 @@ def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> Mon
 
 
 def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum with sin, cos and tan expanded in sines and cosines of the angles that `_units` returns."""
+    """Return the sum with sin, cos and tan expanded in sines and cosines of the smallest parts of all its angles.
+
+    In sin(x) + cos(x/2) the smallest part is x/2, and sin(x) becomes 2 sin(x/2) cos(x/2).
+    """
     present = dict.fromkeys(k for monomial in terms for k, _ in monomial)
     angles = [k for k in present if isinstance(algebra.factors[k], (sympy.sin, sympy.cos, sympy.tan))]
     units = _units([algebra.factors[k].args[0] for k in angles])
@@ -515,7 +522,7 @@ def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _units(arguments: list[Any]) -> dict[Any, Any]:
-    """Return {term: number}, so that all angles `arguments` are sums of whole multiples of number * term.
+    """Return {term: number}: the smallest parts number * term, of which all angles `arguments` contain whole multiples.
 
     For the angles x/2 + y and 3 x the result is {x: 1/2, y: 1}.
     """
@@ -555,7 +562,7 @@ def _expanded(algebra: Algebra, function: Any, units: dict[Any, Any]) -> Any:
 
 
 def _polynomial(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum with even powers of sines written in cosines, and of hyperbolic cosines in hyperbolic sines."""
+    """Return the sum with sin^2 replaced by 1 - cos^2, and cosh^2 by 1 + sinh^2, so that equal sums look equal."""
 
     def reduced(monomial: Monomial, number: Any) -> MonomialSum:
         product: MonomialSum = {ONE: number}
