@@ -53,7 +53,10 @@ def read_when(graph: Graph, outputs: Sequence[Node]) -> Callable[[Node], Node]:
 
 
 def _readings(node: Node, when: Node, domains: dict[Node, bool]) -> list[tuple[Node, Node]]:
-    """Return pairs (argument of a node, condition under which it is used). `when` is the condition of the node."""
+    """Return pairs (argument of a node, condition under which it is used). `when` is the condition of the node.
+
+    `domains` caches for nodes whether they may have no finite value.
+    """
     if node.kind is not Kind.CALL or node.data not in ("piecewise", "and", "or"):
         return [(arg, when) for arg in node.args]
     if node.data == "piecewise":
@@ -91,7 +94,7 @@ def opposite(condition: Node) -> Node:
 def where_read(node: Node, condition: Node) -> Node:
     """Return a node that equals `node` if the condition holds, and else the constant 1.
 
-    Its value is then finite and not zero, so that no event is found there.
+    So the result is finite and not zero where the condition does not hold, and no event is found there.
     """
     graph = node.graph
     return node if condition is graph.one else graph.piecewise([(condition, node)], graph.one)
@@ -101,9 +104,9 @@ def where_read(node: Node, condition: Node) -> Node:
 def square_roots(graph: Graph, nodes: tuple[Node, ...]) -> Mapping[Node, Node]:
     """Return {sqrt(base): power} for the bases of the fractional powers on which the nodes depend.
 
-    Taylor series end at the zeros of these roots. `power` is the power of the base with the least magnitude of its
-    exponent. A root has the value 1 if the nodes do not use it. Powers of positions with exponents of at most -1 are
-    left out. The result is cached, since many runs have the same events.
+    A Taylor series is not valid beyond a zero of such a root. `power` is the power of the base with the least magnitude
+    of its exponent. A root has the value 1 where the nodes do not use it. Powers of positions with exponents of at most
+    -1 are left out. The result is cached, since many runs have the same events.
     """
     powers = [node for node in reachable(nodes) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
     bases: dict[Node, Node] = {}

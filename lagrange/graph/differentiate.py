@@ -27,7 +27,7 @@ PARTIALS: dict[Kind, Callable[[Node], list[Partial]]] = {
     ],
     Kind.CALL: lambda node: [(i, rule(node, *node.args)) for i, rule in enumerate(FUNCTIONS[node.data].partials)],
 }
-"""Functions that return the partial derivatives of a node by its arguments, by kind of node."""
+"""Functions, by kind of node, that return pairs (index of an argument, partial derivative of the node by it)."""
 
 
 def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:
@@ -102,10 +102,10 @@ def _push_component(node: Node, tangents: dict[Node, Node]) -> None:
 def _sweep(
     graph: Graph, output: Node, order: list[Node], mask: int, gradients_of_choices: Mapping[Node, Mapping[Node, Node]]
 ) -> dict[Node, Node]:
-    """Return {symbol: derivative of `output`} for the symbols in the bit `mask`, computed in one reverse sweep.
+    """Return {symbol: derivative of `output`} for the symbols whose bits `mask` has, computed in one reverse sweep.
 
-    `order` has the nodes, arguments first. `gradients_of_choices` has the gradient of each choice (piecewise, min,
-    max).
+    `order` has the nodes on which `output` depends, arguments first. `gradients_of_choices` has the gradient of each
+    choice (piecewise, min, max), {symbol: derivative}.
     """
     incoming: dict[Node, list[tuple[int, Node]]] = {output: [(1, graph.one)]}
     adjoints: dict[Node, Node] = {}
@@ -144,7 +144,10 @@ def _choice_gradient(
 
 
 def _branchwise(node: Node, derivatives: list[Node]) -> Node:
-    """Return a choice (piecewise, min, max) with `derivatives` as its values, and undefined where the choice is."""
+    """Return the derivative of a choice (piecewise, min, max) from the `derivatives` of its branches.
+
+    Where no condition of a piecewise node holds, its derivative is NaN as well.
+    """
     last = node.args[-1]
     undefined = last.kind is Kind.CALL and last.data == "nan"
     otherwise = last if undefined else derivatives[-1]

@@ -26,7 +26,7 @@ BEYOND_DOUBLES = mpmath.mpf(2) ** 1024
 
 @dataclass(frozen=True)
 class NumberType:
-    """Arithmetic of a number type, as functions.
+    """Arithmetic of a type of numbers, such as doubles, as functions that evaluate nodes.
 
     `number` converts a fraction. `total` adds and `product` multiplies a list. `power` takes base and exponent.
     `choose` takes a condition and two values. `functions` maps names of functions to callables.
@@ -117,7 +117,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "or": lambda context, a, b: a or b,
     "not": lambda context, a: not a,
 }
-"""Functions of nodes in many digits. Their arguments are an mpmath context, then its numbers."""
+"""Functions that nodes call, by name, in many digits. Their arguments are an mpmath context, then its numbers."""
 
 
 def precise(digits: int) -> Any:
@@ -154,7 +154,7 @@ DOUBLE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "or": np.logical_or,
     "not": np.logical_not,
 }
-"""Functions of nodes in double precision, for numbers and arrays. Programs use them too."""
+"""Functions that nodes call, by name, in double precision, for numbers and arrays. Programs use them too."""
 
 DOUBLES = NumberType(
     number=float,
@@ -198,7 +198,7 @@ def generic_rank(matrix: Sequence[Sequence[Node]]) -> int:
 
 
 def _residues(outputs: Sequence[Node]) -> dict[Node, int]:
-    """Return {node: residue modulo `PRIME`} for every node on which the outputs depend.
+    """Return {node: residue modulo `PRIME`} at a random point, for every node on which the outputs depend.
 
     Symbols and values of functions get random residues. Sine and cosine of an angle satisfy sin**2 + cos**2 = 1.
     """
@@ -231,12 +231,13 @@ def _residues(outputs: Sequence[Node]) -> dict[Node, int]:
 
 
 BOUNDED = frozenset(elementary.name for elementary in ELEMENTARY.values() if elementary.size == "bounded")
-"""Functions whose values are at most 1 in magnitude. Their size is 1."""
+"""Functions whose values are at most 1 in magnitude. Their size, as `term_sizes` defines it, is 1."""
 
 AT_LEAST_ONE = frozenset(
     ("atan2", *(elementary.name for elementary in ELEMENTARY.values() if elementary.size == "unit"))
 )
-"""Functions with dimensionless argument or value, in whose argument terms may cancel. Their size is at least 1."""
+"""Functions whose argument or value is dimensionless, and in whose argument terms may cancel, such as log. So their
+size, as `term_sizes` defines it, is at least 1."""
 
 
 def term_sizes(outputs: Iterable[Node]) -> list[Node]:

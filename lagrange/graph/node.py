@@ -26,21 +26,24 @@ Exact: TypeAlias = int | Fraction
 Rows: TypeAlias = "Sequence[Sequence[Node]]"
 
 LARGEST_POWER = 4096
-"""Largest exponent that is folded into an exact constant. The value of a larger power does not fit into a double."""
+"""Largest exponent of a constant that is computed exactly. Larger powers do not fit into a double, and are refused."""
 
 LONGEST_FLAT = 16
-"""Largest number of factors of a product that is merged into another product. Without this limit the derivatives of a
-deep nesting would grow by a factor per level."""
+"""Largest number of factors of a product that is merged into another product. Without this limit, products in products
+would have derivatives whose size grows by a factor for each level."""
 
 LONGEST_PRODUCT = 4 * LONGEST_FLAT
-"""Largest number of factors in one node. A longer product becomes a product of products, because each factor has its
-own derivative."""
+"""Largest number of factors in one node. A longer product becomes a product of products. Otherwise its n derivatives
+would be n products of n - 1 factors each."""
 
 _ADDING = threading.Lock()  # Lock for adding a node, since threads that run one model share its graph
 
 
 class Binding(enum.IntEnum):
-    """Latest kind of quantity on which a node depends. Nodes up to PARAMETER are computed once per run."""
+    """Latest kind of quantity on which a node depends, in the order constant, parameter, time, q, v, acceleration.
+
+    Nodes up to PARAMETER are computed once per run.
+    """
 
     CONSTANT = 0
     PARAMETER = 1
@@ -67,7 +70,8 @@ class Kind(enum.Enum):
 class Node:
     """Expression in a graph, which exists only once there. Nodes are created by methods of `Graph`, never directly.
 
-    `args` are the argument nodes. `depends` has a bit for each symbol in the expression. `id` is the index of the node.
+    `kind` is the operation, `args` are its argument nodes, and `data` is explained in `Kind`. `binding` and the bits
+    `depends` tell on which quantities and symbols the expression depends. `id` is the index of the node in its graph.
     """
 
     __slots__ = ("args", "binding", "data", "depends", "graph", "id", "kind")
@@ -358,13 +362,13 @@ class Graph:
         return self.solve_with(factor, right)
 
     def solve_with(self, factor: Node, right: Sequence[Node]) -> list[Node]:
-        """Return the unknowns x of matrix * x = right, one node each. `factor` is the FACTOR node of the matrix."""
+        """Return the unknowns x of matrix * x = right, one node each. `factor` is the node of the factored matrix."""
         if all(node is self.zero for node in right):
             return [self.zero] * len(right)
         return self.components(self._intern(Kind.SOLVE, (factor, *right), factor.data[0]))
 
     def components(self, solution: Node) -> list[Node]:
-        """Return the unknowns of a SOLVE node, one node each."""
+        """Return the unknowns of a linear system, one node each; `solution` is its node, of the kind SOLVE."""
         return [self._intern(Kind.COMPONENT, (solution,), i) for i in range(solution.data)]
 
 
@@ -389,7 +393,7 @@ def _is_scaled(node: Node) -> bool:
 
 
 def _irreducible(node: Node) -> bool:
-    """Return True if a product keeps a node as one factor.
+    """Return True if a node stays one factor when it is multiplied by other nodes.
 
     A constant, a multiple of a node and a short product are divided into their factors instead.
     """
@@ -511,7 +515,7 @@ def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
 
 
 def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Node]) -> list[Node]:
-    """Return a sum, the sum that it contains, the sum that this one contains, and so on, the shortest first.
+    """Return the sum `node`, the sum that it contains, the sum that this one contains, and so on, the shortest first.
 
     `splits` has the contained sum of each sum that has one. The chain ends before a sum that is already in `built`.
     """
@@ -525,12 +529,12 @@ def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Nod
 
 
 def _splits(sums: list[Node]) -> dict[Node, _Split]:
-    """Return {sum: its split into a multiple of the longest other sum that it contains, and the other terms}.
+    """Return {sum: split} for those of `sums` that contain another one, as 2*x + 2*y + z contains x + y.
 
-    The contained sum has no constant. A sum that contains no other sum is left out.
+    A split has a multiple of the longest contained sum, which has no constant, and the other terms.
     """
     occurrences = Counter(term for node in sums for term in node.args)
-    # Each sum is found by its rarest term. With a term that all sums have, all pairs would be compared.
+    # Sums are looked up by their rarest term. With a term that all sums have, all pairs would be compared.
     by_rarest: dict[Node, list[Node]] = {}
     splits: dict[Node, _Split] = {}
     for node in sorted(sums, key=lambda s: (len(s.args), s.id)):
@@ -547,7 +551,7 @@ def _splits(sums: list[Node]) -> dict[Node, _Split]:
 
 
 def _split(terms: dict[Node, Exact], part: Node) -> _Split | None:
-    """Return a sum {node: coefficient} as a multiple of the sum `part` plus other terms, or None if impossible."""
+    """Return the sum `terms`, {node: coefficient}, as a multiple of the sum `part` plus other terms, or else None."""
     if any(term not in terms for term in part.args):
         return None
     coefficients = dict(zip(part.args, part.data[1], strict=True))

@@ -26,7 +26,7 @@ fourth derivative 1e-26."""
 
 
 class Translator:
-    """Callable that translates SymPy expressions into one graph. `leaves` maps symbols and velocities to nodes."""
+    """Callable that translates SymPy expressions into nodes of a graph. `leaves` maps symbols, q and v to nodes."""
 
     def __init__(self, graph: Graph, leaves: Mapping[Any, Node]) -> None:
         self.graph = graph
@@ -219,4 +219,4 @@ SPELLING: dict[str, Callable[..., Any]] = {
     "not": sympy.Not,
     "piecewise": _piecewise_of,
 }
-"""SymPy functions and classes, by the name of the function in the graph."""
+"""SymPy function or class for each function that nodes call, by its name in the graph."""
