@@ -54,7 +54,7 @@ LEVELS = 2**13
 eighth of a pixel."""
 
 MOST_COORDINATES = 20
-"""Largest number of coordinates that are recorded beside named points: more would double the size of the page."""
+"""Largest number of coordinates that are recorded in addition to named points. More would double the page's size."""
 
 
 def player_page(recording: Recording, film: Film, style: str, notes: Sequence[str]) -> str:
@@ -115,7 +115,7 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
 
 
 def _rows(record: Recording) -> list[FloatArray]:
-    """Return the curves (S,) of the recording `record` in the order of the page's scripts.
+    """Return the curves of the recording `record`, S samples each, in the order in which the page's scripts read them.
 
     The order is: coordinates of all points, entries of the state, those of the energies E, T and V that are recorded,
     and the relative change of E if E is recorded.
@@ -204,7 +204,7 @@ class Animation:
     def frame_size(self) -> tuple[int, int]:
         """Width and height in pixels that the player needs on a page."""
         width, height = self.film.size
-        share = 0.7 if self.film.scene is None else self.film.plan.scene[3]  # picture, as a fraction of the height
+        share = 0.7 if self.film.scene is None else self.film.plan.scene[3]  # Height of the picture / that of the frame
         return max(width, 480), round(share * height) + BESIDES
 
     def frame(self, number: int) -> Pixels:

@@ -254,7 +254,10 @@ SHORTEST_OPERATION = 20  # Least number of characters of an operation with its o
 
 
 class FoldedFormulas(HtmlPage):
-    """Writes the sections of a derivation for a page, without inline styles, which the security policy forbids."""
+    """Writes the sections of a derivation for a page; most are folded until the user opens them.
+
+    Inline styles are not used, since the security policy of the page forbids them.
+    """
 
     cell = '<mtd class="{}">{}</mtd>'
 
@@ -459,7 +462,7 @@ def explore(
 def starts_within(
     statement: Statement, bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the values at which the sliders start, in two dicts by name: parameters, and initial state with rates.
+    """Return the values at which sliders start, in two dicts by name: parameters, and initial state with body rates.
 
     A slider starts at the stated value, or at the bound nearest to it. A parameter without a value starts in the middle
     of its slider. `bounds` are the bounds of the sliders.
