@@ -61,7 +61,7 @@ _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _FILL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
 _KEPT: dict[int, Any] = {}
-"""Compiled kernels by address. Numba's functions hold the address as a number, and may outlive the model."""
+"""Compiled kernels by address, which are never freed: Numba's functions have the address, and may outlive the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class Model(compiled.Model):
         return ScipyProblem(self, values, declared, functions)
 
     def as_numba(self, quantity: str = "rhs") -> NumbaFunction:
-        """Return a quantity as functions for Numba: `prepare(p)`, `function(t, y, prepared)` and `fill`.
+        """Return a quantity as functions for Numba: `prepare(p)`, `function(t, y, prepared)`, `fill(..., out)`.
 
         They call the machine code of this model. Raises StatementError without Numba, and on the numpy target.
         """
@@ -192,7 +192,7 @@ class Model(compiled.Model):
         return defined(text, name, {})(getattr(casadi, symbols))
 
     def as_sympy(self, quantity: str = "rhs") -> SympyForm:
-        """Return a quantity in plain SymPy symbols, with its common subexpressions, for SymPy's code printers.
+        """Return a quantity as SymPy expressions, with its common subexpressions, for SymPy's code printers.
 
         Linear systems are solved by elimination in the order of the coordinates. The formulas divide by zero at states
         with a pivot of zero.

@@ -28,7 +28,7 @@ TAKE_JACOBIAN = ("Radau", "BDF", "LSODA")
 
 
 Inputs = tuple[tuple[int, Callable[[float], Any]], ...]
-"""Inputs as functions of time, each with its index among the parameters."""
+"""Inputs of a model as pairs (index among the parameters, function of time)."""
 
 
 def input_functions(model: Model, table: Any) -> Inputs:
@@ -60,7 +60,7 @@ def input_functions(model: Model, table: Any) -> Inputs:
 
 
 def _check_arity(name: str, function: Callable[..., Any]) -> None:
-    """Raise StatementError unless a function can be called with one argument, the time."""
+    """Raise StatementError unless the function of the input `name` can be called with one argument, the time."""
     try:
         arguments = signature(function)
     except (TypeError, ValueError):  # C functions have no signature
@@ -75,7 +75,7 @@ def _check_arity(name: str, function: Callable[..., Any]) -> None:
 
 
 def at_time(parameters: FloatArray, inputs: Inputs, t: float) -> FloatArray:
-    """Return the parameters (k,), with the values of the inputs at time t.
+    """Return the `parameters` (k,) with the values of the inputs at time t filled in.
 
     `inputs` are pairs of an index among the parameters and a function of time. Raises StatementError for an invalid
     value.
@@ -87,7 +87,7 @@ def at_time(parameters: FloatArray, inputs: Inputs, t: float) -> FloatArray:
 
 
 class ScipyEvent:
-    """An event for SciPy: a function of (t, y) with the attributes `terminal` and `direction`."""
+    """An event for SciPy: a function of (t, y) with the attributes `terminal` and `direction` that solve_ivp reads."""
 
     def __init__(self, model: Model, event: Event, parameters: FloatArray, inputs: Inputs = ()) -> None:
         self._made = model, event, parameters, inputs
@@ -173,7 +173,8 @@ class ScipyProblem:
     ) -> dict[str, Any]:
         """Return the arguments of scipy.integrate.solve_ivp; `options` are further arguments, such as rtol and atol.
 
-        The Jacobian is included for methods that need it. Raises StatementError for an invalid span or initial state.
+        `t_span` has the start and end time, and `initial` replaces entries of the stated initial state. The Jacobian is
+        included for methods that need it. Raises StatementError for an invalid span or initial state.
         """
         t0, t1 = time_span(t_span)
         check_span(self.model.statement, t0, t1)

@@ -1,4 +1,4 @@
-"""Export a quantity of a model to plain SymPy symbols, with a symbol for each value that is used more than once."""
+"""Export a quantity of a model as SymPy expressions, with a symbol for each value that is used more than once."""
 
 from __future__ import annotations
 
@@ -29,20 +29,21 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "power": lambda a, b: a**b,
     "select": lambda condition, a, b: sympy.Piecewise((a, condition), (b, True)),
 }
-"""SymPy expression of each operation of a program."""
+"""Functions that return the SymPy expression of an operation of a program, by the name of the operation."""
 
 MOST_DENOMINATOR = 64
-"""Largest denominator, a power of two, of a double written as a fraction. Others become exact Floats."""
+"""Largest denominator with which a double is written as a fraction. Other doubles are written as exact Floats."""
 
 DOUBLE_DIGITS = 17  # Decimal digits that determine every double
 
 
 @dataclass(frozen=True, eq=False)
 class SympyForm:
-    """A quantity in plain symbols: time `t`, coordinates `q`, velocities `v`, named x and x_dot, and parameters `p`.
+    """A quantity of a model as SymPy expressions in symbols, none of which is a function of time.
 
-    `replacements` are pairs (symbol, expression), as from sympy.cse. An expression may contain symbols of earlier
-    pairs. `results` are the entries of an array of `shape`, in C order.
+    The symbols are the time `t`, coordinates `q`, velocities `v`, named x and x_dot, and parameters `p`. `replacements`
+    are pairs (symbol, expression), as from sympy.cse. An expression may contain symbols of earlier pairs. `results` are
+    the entries of an array of `shape`, in C order.
     """
 
     t: Any
@@ -63,7 +64,7 @@ class SympyForm:
         return (self.t, *self.q, *self.v, *self.p)
 
     def common(self, _: Any = None) -> tuple[list[tuple[Any, Any]], list[Any]]:
-        """Return replacements and results in the form that sympy.lambdify(..., cse=form.common) expects."""
+        """Return (replacements, results), as sympy.lambdify(..., cse=form.common) expects. The argument is ignored."""
         return list(self.replacements), list(self.results)
 
     def expanded(self) -> list[Any]:
@@ -75,7 +76,7 @@ class SympyForm:
 
 
 def sympy_form(model: Model, quantity: str) -> SympyForm:
-    """Return a quantity of a model in plain symbols, with a symbol for each value that is used more than once."""
+    """Return the quantity of a model with the name `quantity`, such as "rhs", as SymPy expressions."""
     program = model.interpreted(quantity).program
     parameters = model.statement.parameters
     t, *state = (sympy.Symbol(name, real=True) for name in ("t", *model.layout.names()))
@@ -117,7 +118,7 @@ class _Writer:
         return [self.values[ref] for ref in self.program.outputs]
 
     def named(self, expression: Any) -> Any:
-        """Return a new symbol that replaces an expression; return a symbol or a number unchanged."""
+        """Return a new symbol for an expression, and add the pair to `replacements`. A symbol or number is returned."""
         if expression.is_Symbol or expression.is_number:
             return expression
         symbol = next(self.symbols)
@@ -171,9 +172,9 @@ class _Writer:
         return a, order
 
     def solved(self, factors: tuple[list[list[Any]], list[int]], right: Sequence[Any]) -> list[Any]:
-        """Return the solution of a linear system.
+        """Return the solution of a linear system, one expression for each unknown.
 
-        `factors` are a result of `factored`, and `right` the right-hand side.
+        `factors` are the factors of its matrix, a result of `factored`, and `right` is the right-hand side.
         """
         (a, order), n = factors, len(right)
         x = [right[i] for i in order]
