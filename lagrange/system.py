@@ -521,13 +521,13 @@ class System:
         return ResultList(equilibria(self._known, rates))
 
     def linearize(self, at: Mapping[Any, Any] | None = None, *, inputs: Any = ()) -> Linearization:
-        """Return the linear equations of small changes about a point: SymPy matrices M, C, K and A, B.
+        """Return the linear equations of small changes x about a point: M x'' + C x' + K x = 0, and y' = A y + B u.
 
         `at` has values of coordinates, of velocities of steady motions and of inputs, numbers or expressions in
-        parameters; the default of each is zero. `inputs` are parameters or known functions of time. With constraints
-        the equations are those of independent coordinates. Away from equilibrium the matrices are valid at that instant
-        only, which `.note` reports. They are compared with the Jacobian of the compiled model. Raises StatementError
-        for a point that violates a constraint or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
+        parameters; the default of each is zero. `inputs` u are parameters or known functions of time. y is [x, x'].
+        With constraints x are independent coordinates. Away from equilibrium the SymPy matrices are valid at that
+        instant only, which `.note` reports. They are compared with the Jacobian of the compiled model. Raises
+        StatementError off the constraints, and without derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
         """
         self.statement.check_without_contacts("linearize()")
         from lagrange.mechanics.linearization import linearized
@@ -537,9 +537,9 @@ class System:
     def modes(self, at: Mapping[Any, Any] | None = None) -> ShownModes:
         """Return frequencies, shapes and stability of small oscillations about an equilibrium; `plot()` draws them.
 
-        `at` is the equilibrium, as in `linearize`. Results are symbolic if the frequencies follow from quadratic
-        equations, else numbers for the values of the parameters. Frequencies are in radians per unit of time. Raises
-        StatementError away from equilibrium. Goldstein, Poole, Safko, 3rd ed., section 6.2.
+        `at` has the coordinates there, 0 by default, as in `linearize`. Results are symbolic if the frequencies follow
+        from quadratic equations, else numbers for the stated parameters. Frequencies are in radians per unit of time.
+        Raises StatementError away from equilibrium. Goldstein, Poole, Safko, 3rd ed., section 6.2.
         """
         from lagrange.mechanics.expansion import stated_point
         from lagrange.mechanics.modes import modes
