@@ -41,7 +41,7 @@ from lagrange.trajectory.trajectory import FloatArray
 
 
 def runge_lenz(stated: StatedAlgebra, body: BodyPosition) -> Iterator[tuple[str, MonomialSum]]:
-    """Yield (name, component) of the Runge-Lenz vector of a body in the potential k/|r|; nothing for other systems.
+    """Yield (name, expression) for the components of the Runge-Lenz vector of a body, if its potential is k/|r|.
 
     The vector is p x l - mass k r/|r|, where p is the momentum and l the angular momentum. The term p x l equals mass^2
     (r v^2 - v (r . v)). `body` has the position r, the velocity v, the mass, and the other terms of the Lagrangian.
@@ -95,10 +95,10 @@ class Conserved(ShownAsPage):
 
 
 def conserved_quantities(model: Model) -> list[Conserved]:
-    """Return the conserved quantities of a system that are proven; others may exist.
+    """Return the quantities that are proven to be conserved by a system. The system may have others.
 
-    Each proven quantity is tested against the compiled model. Raises RunError if a quantity changes along the motion,
-    which is a fault of this library.
+    Each is tested against the compiled model. Raises RunError if one changes along the motion, which is a fault of this
+    library.
     """
     if "conserved" not in model.prepared:
         quantities = list(_proven_quantities(model))
@@ -139,10 +139,10 @@ def _proven_quantities(model: Model) -> Iterator[Conserved]:
 def _momenta_of_turns(
     equation: SymmetryEquation, stated: TextbookAlgebra, read: TextbookAlgebra
 ) -> Iterator[Conserved]:
-    """Yield the angular momenta of rigid bodies, about axes fixed in space and in the body, that are conserved.
+    """Yield the conserved angular momenta of rigid bodies, about axes fixed in space and axes fixed in a body.
 
     `equation` tests symmetries. `stated` has the energies in quaternions. `read` has the energies in the rates of the
-    bodies about their own axes; the momenta are written in these rates.
+    bodies about their own axes, in which the momenta are written.
     """
     statement = stated.statement
     for each, of_body, axis, candidate in body_turns(stated):
@@ -166,9 +166,10 @@ def _momenta_of_turns(
 
 
 def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | None) -> Iterator[Symmetry]:
-    """Yield the proven symmetries of a system; `body` is the position of its single body, or None.
+    """Yield the symmetries of a system that are proven: shifts of coordinates and time, and rotations.
 
-    Symmetries of ignorable coordinates are left out, and so are linear combinations of earlier shifts.
+    Shifts of ignorable coordinates and linear combinations of earlier shifts are left out. `body` is the position of
+    the body if the system is a single one, else None.
     """
     structure, stated = model.equations.structure, equation.stated
     n = len(stated.q)
@@ -189,10 +190,9 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
 
 
 def _proven(equation: SymmetryEquation, candidate: Symmetry, *, complete: bool = True) -> Symmetry | None:
-    """Return `candidate` if it is proven to be a symmetry, else None.
+    """Return a candidate if it is proven to be a symmetry, or None if it is not or the proof would be too long.
 
-    The result is also None if the proof would be too long. If `complete` is true, a gauge function F(q, t) is added to
-    the candidate where the symmetry needs it.
+    If `complete` is true, the result has the gauge function F(q, t) with which the candidate is a symmetry.
     """
     try:
         with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):
@@ -235,7 +235,7 @@ def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
 
 
 def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return a user's generator as exact expressions by coordinate or t. Raises StatementError for invalid entries."""
+    """Return a user's generator as {coordinate or t: exact expression}. Raises StatementError for invalid entries."""
     if not isinstance(generator, Mapping) or not generator:
         raise StatementError(
             f"noether takes a dict from coordinates to how they move, as {{x: -y, y: x}}, not {shown(generator)}."
@@ -265,7 +265,7 @@ def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> di
 def _refusal(
     model: Model, stated: TextbookAlgebra, equation: SymmetryEquation, symmetry: Symmetry, quantity: Any
 ) -> str:
-    """Return the error message for a generator that is not a symmetry; it states how fast its `quantity` changes."""
+    """Return the error message for a user's symmetry that is none, with the rate at which its `quantity` changes."""
     (rates,) = quantity_rates(model, [quantity])
     worst = rates.worst
     across = [
@@ -295,14 +295,15 @@ def _spelled(model: Model, quantity: Any) -> str:
 RATE_STATES = 6  # Number of random states at which a rate is tested
 
 LARGEST_RATE = 1e-8
-"""Largest rate of change that counts as zero, relative to its terms. Accelerations are accurate to about 1e-12."""
+"""Largest time derivative of a conserved quantity that counts as zero, relative to its terms. The accelerations in it
+are accurate to about 1e-12."""
 
 REST = 1e-4  # Terms of a rate below this fraction of the largest terms of all quantities count as rounding errors
 
 
 @dataclass(frozen=True, eq=False)
 class QuantityRates:
-    """Time derivatives of a quantity at K states.
+    """Time derivatives of a quantity at the K states `points`.
 
     `values` (K,) are the derivatives. `sizes` (K,) are the sums of the magnitudes of their terms.
     """
@@ -313,7 +314,7 @@ class QuantityRates:
 
     @property
     def worst(self) -> int | None:
-        """Index of the state with the largest significant rate, or None if the rate is zero at all states."""
+        """Index of the state with the largest derivative beyond rounding, or None if it is only rounding everywhere."""
         finite = np.isfinite(self.values) & np.isfinite(self.sizes)
         share = np.where(finite, np.abs(self.values) - LARGEST_RATE * self.sizes, -1.0)
         worst = int(np.argmax(share)) if len(share) else 0
@@ -321,9 +322,9 @@ class QuantityRates:
 
 
 def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRates]:
-    """Return the time derivatives of expressions in q, v and t along the compiled motion, at random states.
+    """Return the time derivatives of expressions in q, v and t at random states, one object for each expression.
 
-    The result has one object for each expression.
+    The accelerations are those of the compiled model.
     """
     points = [*islice(usable(random_points(model.statement, 17), lambda point: _placed(model, point)), RATE_STATES)]
     terms = [_rate_terms(model, expression) for expression in expressions]
@@ -341,9 +342,9 @@ def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRat
 
 
 def _placed(model: Model, point: SamplePoint) -> SamplePoint | None:
-    """Return a state on the constraints near a sample point, as a sample point; None if no such state is found.
+    """Return a sample point moved onto the constraints of a system, or None if no state on them is found near it.
 
-    Coordinates without inertia also get the velocities that their first-order equations of motion require.
+    Coordinates without inertia get the velocities that their first-order equations of motion require.
     """
     if not len(model.equations.constraints):
         return point
@@ -359,7 +360,7 @@ def _placed(model: Model, point: SamplePoint) -> SamplePoint | None:
 
 
 def _rate_terms(model: Model, expression: Any) -> list[Any]:
-    """Return the terms of d/dt of an expression: partial derivatives by q, v and t, times the rates of q, v and t."""
+    """Return the terms of the time derivative of an expression: v df/dq, a df/dv for each coordinate, and df/dt."""
     statement = model.statement
     plain = {**statement.plain, t: sympy.Dummy("t", real=True)}
     back = {symbol: leaf for leaf, symbol in plain.items()}
@@ -372,7 +373,7 @@ def _rate_terms(model: Model, expression: Any) -> list[Any]:
 
 
 def check_constant(model: Model, quantities: Mapping[str, Any]) -> None:
-    """Raise RunError if a quantity that is proven to be constant changes along the compiled motion."""
+    """Raise RunError if one of the proven `quantities`, {name: expression}, changes along the compiled motion."""
     for name, rates in zip(quantities, quantity_rates(model, list(quantities.values())), strict=True):
         worst = rates.worst
         if worst is not None:
@@ -383,7 +384,7 @@ def check_constant(model: Model, quantities: Mapping[str, Any]) -> None:
 
 
 def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:
-    """Return the values (N,) of the conserved quantities by name, for states y (2n, N) at times t (N,)."""
+    """Return {name: values (N,)} of the conserved quantities, for states y (2n, N) at times t (N,)."""
     quantities = conserved_quantities(model)
     if not quantities:
         return ByName("invariant")
@@ -394,7 +395,7 @@ def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameter
 
 
 def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, float]:
-    """Return a scale for the drift of each conserved quantity, by name, for states y (2n, N) at times t (N,).
+    """Return {conserved quantity: scale for its drift} for states y (2n, N) at times t (N,).
 
     The scale is the largest sum of magnitudes of the quantity's terms, over up to SIZE_SAMPLES of the times.
     """
@@ -409,7 +410,7 @@ def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Para
 
 
 def _terms(expression: Any) -> Any:
-    """Return an expression with each term replaced by its magnitude, so that terms do not cancel."""
+    """Return an expression with the magnitudes of its terms, so that they do not cancel: x - y becomes |x| + |y|."""
     if expression.is_Add or expression.is_Mul:
         return expression.func(*map(_terms, expression.args))
     if expression.is_Pow and expression.exp.is_Integer and expression.exp > 0:

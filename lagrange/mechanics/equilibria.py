@@ -1,8 +1,8 @@
 """Find the equilibria of a system at rest, or in a steady motion of ignorable coordinates.
 
-Steady rotations of a body are found in angles about three axes: R = R1(precession) R2(tilt) R3(spin). The first axis is
-one of space. The precession, and for a symmetric body the spin, are ignorable. Such angles are singular at two tilts,
-which are examined in other angles. Source: L. D. Landau, E. M. Lifshitz, Mechanics, 3rd ed., section 35.
+Steady rotations of a body are found in three angles, with the rotation matrix R = R1(precession) R2(tilt) R3(spin). The
+first axis is fixed in space. The precession, and for a symmetric body the spin, are ignorable. The angles are singular
+at two tilts, which are examined in other angles. Source: L. D. Landau, E. M. Lifshitz, Mechanics, 3rd ed., section 35.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ FORCE_LEFT = 1e-15  # Largest residual force at a symbolic equilibrium, relative
 FORCE_LEFT_BY_SEARCH = 1e-6  # Largest residual force at an equilibrium in decimals, relative to its terms
 
 COORDINATE_ROUNDING = 1e-15
-"""Relative rounding error of a coordinate in decimals: for pi as a double, sin(pi) = 1.2e-16 is only rounding."""
+"""Relative rounding error of a coordinate in decimals. For pi as a double, sin(pi) = 1.2e-16 is only rounding."""
 
 MOST_PLACES = 64  # Largest number of numerical equilibria in a list: each takes about 0.2 s to analyse
 
@@ -59,7 +59,7 @@ class Equilibrium(ShownAsPage):
     `energy` is v.p - L at the equilibrium. `condition` is the condition on the parameters for its existence. `exists`
     is the truth of the condition at the values of the parameters, or None if a value is missing. `stable` is True,
     False, or None if undecided, and `reason` says why. `criterion` has the leading minors of the stiffness matrix at
-    fixed momenta of ignorable coordinates: if all are positive, the energy has a minimum. It is empty if the formulas
+    fixed momenta of ignorable coordinates. If all are positive, the energy has a minimum. It is empty if the formulas
     are too long. `exact` is false if the equilibrium was found numerically. `statement` states the system.
     """
 
@@ -82,15 +82,15 @@ class Equilibrium(ShownAsPage):
 
     @property
     def at(self) -> dict[Any, Any]:
-        """The point as an argument for `linearize` and `modes`; arbitrary coordinates are zero in it."""
+        """The equilibrium as an argument `at` of `linearize` and `modes`, in which arbitrary coordinates are zero."""
         return {q: x for q, x in self.coordinates.items() if x != q} | dict(self.velocities)
 
 
 def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
-    """Return the equilibria of a statement at rest, or at steady `rates` of ignorable coordinates or of a rotation.
+    """Return the equilibria of a statement at rest, or at steady velocities of ignorable coordinates or of a rotation.
 
-    Equilibria that exist at the values of the parameters come first, then the others; each group is sorted by energy.
-    Raises StatementError if none is found.
+    `rates` maps these to velocities, or is None. Equilibria that exist at the values of the parameters come first; both
+    groups are sorted by energy. Raises StatementError if none is found.
     """
     if statement.rotations and isinstance(rates, Mapping):
         others, turning = split_rates(rates, statement.coordinates, "rates")
@@ -119,7 +119,10 @@ def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
 
 
 class _Problem:
-    """Equations of equilibrium of `form`; its ignorable coordinates `free` may have steady velocities, `rates`."""
+    """The equations of equilibrium of the system `form`, and their solutions.
+
+    `free` are the indices of ignorable coordinates. `rates` maps some of these to steady velocities, or is None.
+    """
 
     def __init__(self, form: PlainForm, free: tuple[int, ...], rates: Any) -> None:
         self.form, self.free, self.statement = form, free, form.statement
@@ -170,7 +173,7 @@ class _Problem:
         )
 
     def steady(self, rates: Any) -> dict[Any, Any]:
-        """Return the user's steady velocities by symbol. Raises StatementError for invalid `rates`."""
+        """Return the user's steady velocities `rates` as {symbol: value}. Raises StatementError for invalid ones."""
         rates = table_of(rates, "rates", "ignorable coordinate to velocity")
         statement, form = self.statement, self.form
         coordinates = {v: q for q, v in zip(statement.coordinates, statement.velocities, strict=True)}
@@ -191,7 +194,7 @@ class _Problem:
         return {form.v[i]: in_fractions(point.q[i]) for i in named}
 
     def solutions(self) -> tuple[list[dict[Any, Any]], bool]:
-        """Return the solutions {symbol: value}, and True if they are symbolic, False if they were found by a search."""
+        """Return (solutions, exact): a list of {symbol: value}, and False if they were found by numerical search."""
         symbolic = solved(self.equations, (*self.unknowns, *self.multipliers))
         return (self.searched(), False) if symbolic is None else (symbolic, True)
 
@@ -202,7 +205,7 @@ class _Problem:
         return StatedPoint(self.form, places, tuple(self.speeds.get(v, sympy.S.Zero) for v in self.form.v), {})
 
     def searched(self) -> list[dict[Any, Any]]:
-        """Return numerical equilibria, a dict {symbol: value} each. Raises StatementError if parameters lack values."""
+        """Return equilibria {symbol: number} by Newton's method. Raises StatementError if parameters lack values."""
         statement = self.statement
         statement.require_parameters(
             f"the equilibria of {statement.name} are not found in symbols, and for a search by number"
@@ -225,7 +228,7 @@ class _Problem:
     def none_found(self, *, symbolic: bool, poles: bool = False) -> str:
         """Return the error message if there is no equilibrium; `symbolic` is true if equations were solved in symbols.
 
-        `poles` is true if forces vanish only at poles of the coordinates, and the system is not in balance there.
+        `poles` is true if forces on coordinates vanish only where these are singular, and the system moves from there.
         """
         statement = self.statement
         named = listing(dict.fromkeys(rotation_name(statement.coordinates[i]) or statement.names[i] for i in self.rows))
@@ -251,9 +254,9 @@ class _Problem:
         )
 
     def steady_motion(self) -> str:
-        """Return a sentence with a motion at constant speeds, such as the motion of a motor under a torque and a drag.
+        """Return a sentence on a motion at constant speeds, such as of a motor under a torque and a drag, or "".
 
-        The speeds belong to coordinates that no force depends on. Returns "" if no such motion is found.
+        Such speeds are possible for coordinates on which no force depends.
         """
         form, names = self.form, self.statement.names
         drifting = [i for i in self.rows if not any(r.has(form.q[i]) for r in form.residuals)]
@@ -278,8 +281,7 @@ class _Problem:
     def record(self, values: Mapping[Any, Any], *, exact: bool, axial: bool = False) -> Equilibrium:
         """Return the `Equilibrium` for one solution {symbol: value}; `exact` is true for a symbolic solution.
 
-        `axial` is true if the system is symmetric about the equilibrium in the plane of its two non-ignorable
-        coordinates.
+        `axial` is true if the system is symmetric under rotations in the plane of its two non-ignorable coordinates.
         """
         statement, form = self.statement, self.form
         coordinates = {
@@ -319,7 +321,7 @@ class _Problem:
         )
 
     def principal(self, symbol: Any, value: Any) -> Any:
-        """Return the value of an angle reduced to (-pi, pi] if the value is known; return any other value unchanged."""
+        """Return the value of the coordinate `symbol`, reduced to (-pi, pi] if it is an angle with a known value."""
         if not self.is_angle(symbol):
             return value
         angle = number(value, self.statement.defaults)
@@ -354,7 +356,7 @@ class _Problem:
                 )
 
     def order(self, equilibrium: Equilibrium) -> tuple[Any, ...]:
-        """Return the sort key of an equilibrium: existing ones come first, then by energy if it has a value."""
+        """Return the sort key of an equilibrium: first those that exist at the parameters' values, by their energy."""
         energy = number(self.form.read(equilibrium.energy), self.statement.defaults)
         return (not equilibrium.exists, round(energy.real, 9) if energy == energy else 0.0)
 
@@ -364,9 +366,8 @@ class _Angles:
 
     The precession is about the axis `upright` of space, the spin about the axis `last` of the body. As functions of the
     angles, `matrix` is the rotation matrix, `body` its rates about the axes of the body, and `quaternion` its
-    quaternion. `symbols` are the plain symbols of the angles, `free` the angles that are ignorable. `is_free` is true
-    for a body without torques. `form` is the statement in plain symbols, and `ignorable` are the indices of its
-    ignorable coordinates.
+    quaternion. `symbols` are SymPy symbols of the angles, `free` the angles that are ignorable. `is_free` is true for a
+    body without torques. `form` has the formulas in angles, and `ignorable` are the indices of ignorable coordinates.
     """
 
     def __init__(self, statement: Statement, upright: int, last: int) -> None:
@@ -425,7 +426,7 @@ class _Angles:
         )
 
     def key(self, values: Mapping[Any, Any], known: Mapping[Any, Any]) -> tuple[str, ...]:
-        """Return a key of a solution {symbol: value}: equal for solutions that differ only in ignorable angles."""
+        """Return a key of a solution, equal if only ignorable angles differ; `known` are the parameters' values."""
         plain = dict(zip(self.angles, self.symbols, strict=True))
         row = self.matrix.row(self.upright).xreplace(plain)
         entries = [row[self.last]] if self.angles[2] in self.free else [*row]
@@ -437,11 +438,11 @@ class _Angles:
 def _steady_rotations(
     statement: Statement, others: Mapping[Any, Any], turning: Mapping[Any, Sequence[Any]], attitudes: Sequence[Any]
 ) -> list[Equilibrium]:
-    """Return the steady turns of a body about an axis of space, or its precessions at an attitude.
+    """Return the steady rotations of a body about an axis of space, or its precessions if its attitude is stated.
 
-    `turning` maps `R.body` or `R.space` to three rates; a rate is None if the user stated none. `others` are constant
-    velocities of other coordinates. `attitudes` are the user's values of R. Raises StatementError for other
-    combinations.
+    `turning` maps `R.body` or `R.space` to three rates; a rate is None if the user stated none. `attitudes` has the
+    user's value of the rotation R, or is empty. `others` maps other coordinates to constant velocities. Raises
+    StatementError for other combinations.
     """
     if len(statement.rotations) > 1 or statement.reading is None:
         raise StatementError(
@@ -470,7 +471,7 @@ def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]
 
     The unknowns are angles of the body. The last angle turns the body about its axis of symmetry, if it has one. These
     angles are singular at two tilts, the poles, where a factor such as sin(tilt) is zero. For the poles the equations
-    are solved again in another set of angles. `others` maps other ignorable coordinates to their constant velocities.
+    are solved again in other angles. `others` maps other ignorable coordinates to their constant velocities.
     """
     chart, third = cache(lambda last: _Angles(statement, axis, last)), (axis + 2) % 3
     if chart(axis).angles[0] not in chart(axis).free:
@@ -522,10 +523,11 @@ def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]
 def _precessions(
     statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any], attitude: Sequence[Sequence[Any]]
 ) -> list[Equilibrium]:
-    """Return the precessions, at an attitude, of a body with a constant rate about its `axis` of symmetry.
+    """Return the precessions of a body that turns at `rate` about its `axis` of symmetry (index 0, 1 or 2).
 
-    The body precesses about the first of the axes z, y and x of space about which the system is symmetric. The rates of
-    precession are the roots of the force on the tilt.
+    The tilt is that of the rotation matrix `attitude`. `others` maps other coordinates to constant velocities. The body
+    precesses about the first axis z, y or x of space about which the system is symmetric, at rates for which the
+    torque on the tilt is zero.
     """
     for upright in (2, 1, 0):
         angles = _Angles(statement, upright, axis)
@@ -581,7 +583,7 @@ def _precessions(
 
 
 def _condition(values: Sequence[Any]) -> Any:
-    """Return the condition for real `values`: |x| <= 1 in asin(x) and acos(x), x >= 0 under even roots."""
+    """Return the condition under which `values` are real: |x| <= 1 in asin(x) and acos(x), x >= 0 in even roots."""
     parts = []
     for value in values:
         for f in sorted(value.atoms(sympy.asin, sympy.acos), key=str):

@@ -25,7 +25,7 @@ _COMPARED = sympy.core.relational.Relational
 def edges(expr: Any) -> Sequence[Any]:
     """Return the expressions whose zeros are the corners and jumps of `expr`, such as x for |x|.
 
-    `expr` comes from `PlainForm.read`: it is in plain symbols, without functions of time.
+    `expr` is a result of `PlainForm.read`: it has symbols in place of functions of time.
     """
     zeros = [node.args[0] for node in sorted(expr.atoms(Magnitude, Direction, Step), key=str)]
     for node in sorted(expr.atoms(sympy.Piecewise), key=str):
@@ -35,7 +35,7 @@ def edges(expr: Any) -> Sequence[Any]:
 
 
 def on_side(expr: Any, edge: Any, sign: int) -> Any:
-    """Return the formula that `expr` has on one side of a corner: where `edge` has the sign `sign`, 1 or -1."""
+    """Return `expr` without the corner where `edge` = 0: the formula that is valid where `edge` has `sign`, 1 or -1."""
     values = {Magnitude: sign * edge, Direction: sympy.Integer(sign), Step: sympy.Integer(sign > 0)}
     table = {node: values[node.func] for node in expr.atoms(*values) if node.args[0] == edge}
     true = (">", ">=", "!=") if sign > 0 else ("<", "<=", "!=")
@@ -46,18 +46,18 @@ def on_side(expr: Any, edge: Any, sign: int) -> Any:
 
 
 ROUNDED_PIECES = 2.0**-40
-"""Largest difference of two pieces of a tabulated function at the point where they meet, relative to their terms. It is
-about 4,000 units of rounding."""
+"""Largest difference that counts as rounding, relative to their terms, of two formulas at the point where they meet,
+such as two polynomials of a table. It is about 4,000 times the rounding error of a double."""
 
 BALANCED_FORCE = 1e-8  # Largest residual force at an equilibrium in decimals, relative to the stiffness
 
 
 @dataclass(frozen=True, eq=False)
 class StatedPoint:
-    """The point about which a system is expanded or linearised, in expressions of parameters.
+    """The point about which a system is expanded or linearised. Its values are numbers or expressions in parameters.
 
     `q` and `v` are the values of the n coordinates and the n velocities. `inputs` maps each input to its value. `form`
-    is the statement in plain symbols.
+    has the formulas of the system.
     """
 
     form: PlainForm
@@ -81,7 +81,7 @@ class StatedPoint:
 
     @property
     def numbers(self) -> dict[Any, Any]:
-        """Values of the parameters, without inputs and without parameters that have no value."""
+        """The values of the parameters, {symbol: fraction}. Inputs, and parameters without a value, are left out."""
         return {p: sympy.Rational(x) for p, x in self.form.statement.defaults.items() if p not in self.inputs}
 
     @cached_property
@@ -90,7 +90,7 @@ class StatedPoint:
         return any(x.has(sympy.Float) for x in (*self.q, *self.v, *self.inputs.values()))
 
     def in_decimals(self) -> StatedPoint:
-        """Return the point with its values as decimals, at the values of the parameters; zeros remain exact."""
+        """Return the point with decimals in place of expressions, at the values of the parameters. Zeros stay exact."""
         q, v = (
             tuple(x if x == 0 else sympy.N(x.xreplace(self.numbers), 17) for x in part) for part in (self.q, self.v)
         )
@@ -98,7 +98,7 @@ class StatedPoint:
 
     @property
     def where(self) -> str:
-        """The point as text for messages: all coordinates, and the velocities that are not zero."""
+        """Text of the point for messages, such as "x = 0 and x_dot = 2"; velocities that are zero are left out."""
         names = self.form.statement.names
         still = [f"{name} = {shown(x)}" for name, x in zip(names, self.q, strict=True)]
         return listing(still + [f"{name}_dot = {shown(x)}" for name, x in zip(names, self.v, strict=True) if x != 0])
@@ -120,7 +120,7 @@ class StatedPoint:
             _ = self.residuals  # raises the error
 
     def _smooth(self, residual: Any, name: str) -> Any:
-        """Return a residual in a form without corners at the point; `name` is the coordinate of its equation."""
+        """Return the residual of the equation of motion of the coordinate `name` in a form without corners."""
         symbols = (*self.form.q, *self.form.v, *self.form.a, *self.inputs)
         for edge in edges(residual):
             if not edge.has(*self.form.q, *self.form.v) or not self.is_zero(edge.xreplace(self.table), ()):
@@ -139,7 +139,7 @@ class StatedPoint:
         return residual
 
     def _branch(self, side: Any) -> Any:
-        """Return the expression `side` with each Piecewise replaced by its branch at the point, if known."""
+        """Return an expression with each Piecewise replaced by its branch at the point, if it can be determined."""
 
         def chosen(node: Any) -> Any:
             # A condition such as sin(t) < 1 is neither true nor false: then the branch is unknown.
@@ -150,9 +150,9 @@ class StatedPoint:
         return side.replace(lambda node: node.is_Piecewise, chosen)
 
     def _rounded(self, above: Any, below: Any) -> bool:
-        """Return True if two expressions differ at the point only by rounding of decimals.
+        """Return True if two formulas, valid on the two sides of a corner, differ at the point only by rounding.
 
-        `above` and `below` are the formulas on the two sides of a corner.
+        The result is False if the first one has no decimals.
         """
         if not above.has(sympy.Float):
             return False
@@ -161,10 +161,10 @@ class StatedPoint:
         return abs(number(above - below, values)) <= ROUNDED_PIECES * size
 
     def is_zero(self, expr: Any, scale: Any) -> bool:
-        """Return True if an expression is zero at the point.
+        """Return True if `expr`, the value of an expression at the point, is zero.
 
-        A decimal counts as zero up to 1e-8, relative to the largest number among the expressions `scale`, or to 1 if
-        that is larger.
+        If the point has decimals, a number up to 1e-8 counts as zero, relative to the largest number in the list
+        `scale`, or to 1 if that is larger.
         """
         if not self.decimal or expr.free_symbols:
             return vanishes(self.form, expr)
@@ -214,12 +214,12 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
 def stated_point(
     statement: Statement, at: Any, inputs: Sequence[Any] = (), *, turning: bool = False, table: str = "at"
 ) -> StatedPoint:
-    """Return the expansion point from the mapping `at` of coordinates, velocities and `inputs` to their values.
+    """Return the expansion point from the user's mapping `at` of coordinates, velocities and `inputs` to their values.
 
-    Symbols without an entry have the value zero; a rotation without an entry is the identity. `turning` permits rates
-    of rotations, unless an expression contains an entry of a quaternion. `table` is the name of the mapping in
-    messages. Raises StatementError for unknown keys, for values that are not constant, and for rates that are not
-    permitted.
+    Symbols without an entry have the value zero; a rotation without an entry is the identity. `turning` permits angular
+    velocities of rotations, if no expression of the statement contains an entry of a quaternion. `table` is the name of
+    the mapping in messages. Raises StatementError for unknown keys, for values that are not constant, and for angular
+    velocities that are not permitted.
     """
     stated = table_of(at, table, f"coordinate or velocity to value, such as {{{statement.names[0]}: 0}}")
     rest = {q: sympy.Integer(is_scalar(q)) for q in statement.coordinates}
@@ -263,7 +263,7 @@ def stated_point(
 
 
 def with_lengths(statement: Statement) -> Statement:
-    """Return the statement with the entries of quaternions as plain coordinates, in place of rotations.
+    """Return the statement without rotations: the entries of a quaternion are four coordinates like any others.
 
     A constraint keeps the length of each quaternion at one.
     """
@@ -281,15 +281,15 @@ _SIZE = sympy.Dummy("size", real=True)
 
 
 def small(statement: Statement, about: Any, order: Any) -> Statement:
-    """Return the statement expanded about the user's point `about`, to `order` in deviations from it.
+    """Return the statement with energies, forces and constraints replaced by Taylor polynomials.
 
-    The deviations are changes of coordinates and velocities.
+    The polynomials are in deviations from the user's point `about`, of degree `order`, for forces of `order` - 1.
     """
     return _StatementExpansion(stated_point(statement, about), whole_number(order, "order", 2, HIGHEST)).statement()
 
 
 class _StatementExpansion:
-    """Expansion of a statement about a point. L, D and constraints are expanded to `order`, forces to `order` - 1."""
+    """Expands the Lagrangian, dissipation and constraints of a statement to degree `order`, forces to `order` - 1."""
 
     def __init__(self, point: StatedPoint, order: int) -> None:
         self.point, self.form, self.order = point, point.form, order
@@ -298,7 +298,7 @@ class _StatementExpansion:
         self.changes = tuple(sympy.Dummy(f"d{symbol}", real=True) for symbol in self.symbols)
 
     def statement(self) -> Statement:
-        """Return the expanded statement; its description names the expansion."""
+        """Return the expanded statement, whose description `about` has the point and the order of the expansion."""
         stated = self.form.statement
         for constraint in stated.constraints:
             residual = simplest(self.form.read(constraint.expression).xreplace(self.point.table))
@@ -352,9 +352,9 @@ class _StatementExpansion:
         return self.form.written(total)
 
     def collected(self, term: Any) -> Any:
-        """Return a polynomial in deviations from the point, written in coordinates and velocities.
+        """Return `term`, a polynomial in symbols d for deviations from the point, as a sum of powers of (x - x0).
 
-        The coefficients are simplified.
+        x are coordinates or velocities, and x0 their values at the point. The coefficients are simplified.
         """
         polynomial = sympy.Poly(sympy.expand(term), *self.changes)
         differences = [symbol - value for symbol, value in zip(self.symbols, self.values, strict=True)]
@@ -376,7 +376,7 @@ class _StatementExpansion:
                 )
 
     def check_inertia(self, lagrangian: Any) -> None:
-        """Raise StatementError if a coordinate has inertia in the system, but not in the expanded Lagrangian."""
+        """Raise StatementError if a velocity in the Lagrangian of the system is not in the expanded `lagrangian`."""
         stated = self.form.statement
         lost = [
             name

@@ -41,9 +41,9 @@ LARGEST_COUPLED_BLOCK = 4
 
 @dataclass(frozen=True)
 class Legendre:
-    """Result of the Legendre transform, in plain symbols.
+    """Result of the Legendre transform of a Lagrangian, in SymPy symbols without functions of time.
 
-    `symbols` are the momenta. `velocities` and `hamiltonian` are the velocities and H as functions of the momenta.
+    `symbols` are the n momenta. `velocities` (n) and the Hamiltonian are expressions in coordinates and momenta.
     """
 
     symbols: tuple[Any, ...]
@@ -52,7 +52,7 @@ class Legendre:
 
 
 def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
-    """Return the Legendre transform of the Lagrangian; `symbols` are the symbols for the momenta.
+    """Return the Legendre transform of the Lagrangian of a system; `symbols` are the symbols for the n momenta.
 
     Raises StatementError if the momenta do not determine the velocities.
     """
@@ -98,8 +98,8 @@ def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
 def _inverted(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tuple[list[Any], Any]:
     """Return the velocities of the coordinates `block` as functions of the momenta, and (p - b) M^-1 (p - b)/2.
 
-    The inertia M of the block must not depend on its velocities; b are the momenta at zero velocities. `symbols` are
-    the symbols of all momenta p.
+    The block M of the mass matrix must not depend on velocities. b are the momenta at zero velocities. `symbols` are
+    the symbols of all momenta p. `block` has the indices of the coordinates.
     """
     adjugate, determinant = inverse(form, block)
     still = dict.fromkeys(form.v, sympy.S.Zero)
@@ -121,7 +121,7 @@ def half_square(mass: Any, inverted: tuple[Any, Any], column: Any) -> Any:
 
 
 def _squares(mass: Any, column: list[Any]) -> list[Any]:
-    """Return c M^-1 c/2 as a list of terms w^2/(2 d), by elimination with pivots d; [] if a pivot is zero.
+    """Return the list of terms w^2/(2 d) whose sum is c M^-1 c/2, or [] if elimination meets a pivot d that is zero.
 
     `mass` is M, `column` is c. Pivots with short formulas come first.
     """
@@ -141,7 +141,7 @@ def _squares(mass: Any, column: list[Any]) -> list[Any]:
 
 
 def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
-    """Return the error message if the momenta of the coordinates `block` do not determine their velocities."""
+    """Return the error message if momenta do not determine velocities; `block` has the indices of the coordinates."""
     names = [form.statement.names[i] for i in block]
     if len(block) == 1:
         reason = f"d2L/d{names[0]}_dot2 = 0, so that {names[0]}_dot does not follow from its momentum"
@@ -157,11 +157,11 @@ def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
 
 
 def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tuple[list[Any], Any]:
-    """Return the velocities of the coordinates `block` as functions of the momenta `symbols`, and H.
+    """Return the velocities of the coordinates with indices `block` as functions of the momenta `symbols`, and H.
 
-    The inertia of these coordinates depends on their velocities. H is None if the method of solution does not give it.
-    If there are several solutions, the one that reproduces velocities of random states is returned. Raises
-    StatementError if none does.
+    The mass matrix of these coordinates depends on their velocities. H is None if it does not follow with them. Of
+    several solutions the one is returned that reproduces velocities of random states. Raises StatementError if none
+    does.
     """
     candidates = _by_length(form, block, symbols)
     if not candidates and len(block) == 1:
@@ -183,7 +183,7 @@ def _by_length(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) ->
     """Return solutions (velocities, H) for L = F(u) + b.v with u = c + v B v, as for a relativistic particle.
 
     Then p - b = 2 F'(u) B v, so 4 F'(u)^2 (u - c) = (p - b) B^-1 (p - b), which is solved for u. The list is empty for
-    other Lagrangians.
+    other Lagrangians. `block` has the indices of the coordinates, and `symbols` are the momenta p.
     """
     v = [form.v[i] for i in block]
     u = sympy.Symbol("u", positive=True)
@@ -215,7 +215,7 @@ def _by_length(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) ->
 
 
 def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], velocities: Sequence[Any]) -> bool:
-    """Return True if the formulas `velocities` give back the velocities from the momenta of random states."""
+    """Return True if the formulas `velocities` give the velocities of random states from their momenta `symbols`."""
 
     def reproduced(point: SamplePoint) -> bool | None:
         values = form.at(point)
@@ -235,7 +235,7 @@ def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], v
 
 @dataclass(frozen=True, eq=False)
 class Hamiltonian(ShownAsPage):
-    """The Hamiltonian H(q, p, t) of a system in SymPy, with brackets and Hamilton's equations.
+    """The Hamiltonian H(q, p, t) of a system in SymPy, with Poisson brackets and Hamilton's equations.
 
     `expression` is H. `momenta` maps each coordinate to its momentum p_q, a function of time. `velocities` maps each
     coordinate to dq/dt, and `forces` to its force without a potential, Q - dD/dv, as functions of coordinates and
@@ -254,7 +254,7 @@ class Hamiltonian(ShownAsPage):
         return f"<Hamiltonian: {self.expression}>"
 
     def equations(self) -> list[Any]:
-        """Return Hamilton's equations, a list of SymPy Eq: for the coordinates, then for the momenta."""
+        """Return Hamilton's equations as a list of SymPy Eq: those for dq/dt, then those for dp/dt."""
         rates = [sympy.Eq(velocity_of(q), self._slope(p), evaluate=False) for q, p in self.momenta.items()]
         pulls = {p: simplest(-self._slope(q)) + self.forces[q] for q, p in self.momenta.items()}
         return rates + [sympy.Eq(velocity_of(p), pull, evaluate=False) for p, pull in pulls.items()]
@@ -278,7 +278,7 @@ class Hamiltonian(ShownAsPage):
         return self.system_of(self.statement)
 
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
-        """Compile Hamilton's equations; the state (4n,) is [q, p] followed by their rates."""
+        """Compile Hamilton's equations for a `target`. The state (4n,) is [q, p] followed by their time derivatives."""
         model: Model = self.system.compile(target, check=check)
         return model
 
@@ -291,12 +291,12 @@ class Hamiltonian(ShownAsPage):
         return PlainForm(self.statement)
 
     def _slope(self, leaf: Any) -> Any:
-        """Return the derivative of H by `leaf`, a coordinate or a momentum."""
+        """Return the partial derivative of H by `leaf`, a coordinate or a momentum as a function of time."""
         form = self._form
         return form.written(simplest(form.read(self.expression).diff(form.plain[leaf])))
 
     def _function(self, function: Any, what: str) -> Any:
-        """Return a user's function of coordinates and momenta in plain symbols; `what` names it in errors."""
+        """Return a user's function of q and p with symbols in place of functions of time; `what` names it in errors."""
         stated, survey = in_own_parameters(expression_of(function, what), self.statement.parameters), Survey()
         survey.add(stated, what)
         known = (*self.statement.coordinates, *self.statement.given, *self.statement.parameters)
@@ -310,7 +310,7 @@ class Hamiltonian(ShownAsPage):
 
 
 def hamiltonian(statement: Statement, model: Model, system_of: Callable[[Statement], Any]) -> Hamiltonian:
-    """Return Hamilton's form of a statement, tested against its compiled `model`.
+    """Return the Hamiltonian of a statement, tested against its compiled `model`.
 
     `system_of` returns the System of a statement. Raises StatementError for constraints and rotations, and if the
     momenta do not determine the velocities.
@@ -336,7 +336,7 @@ def hamiltonian(statement: Statement, model: Model, system_of: Callable[[Stateme
 def _record(
     form: PlainForm, momenta: list[Any], legendre: Legendre, system_of: Callable[[Statement], Any]
 ) -> Hamiltonian:
-    """Return the `Hamiltonian` of a Legendre transform, with a statement in coordinates and momenta.
+    """Return the `Hamiltonian` that a Legendre transform gives, with a statement in coordinates and momenta.
 
     `momenta` are functions of time p_q, in place of the symbols in `legendre`. `system_of` returns the System of a
     statement.

@@ -38,13 +38,13 @@ from lagrange.statement.statement import Statement
 
 @dataclass(frozen=True, eq=False)
 class Linearization(ShownAsPage):
-    """Linear equations M x'' + C x' + K x = (input matrix) u about a point, in SymPy matrices.
+    """Linear equations M x'' + C x' + K x = `input_matrix` u about the point `at`, in SymPy matrices.
 
     x are the deviations of `coordinates`: all coordinates, or the independent ones if there are constraints. The
     deviations of all coordinates are `basis` x. x' are the deviations of the velocities of `velocity_coordinates`,
     which are fewer if there are constraints on velocities. The deviations of all velocities are `velocity_basis` x' +
-    `velocity_slope` x. `equilibrium` is true if the point is an equilibrium, or a steady motion with the stated
-    velocities; `note` is the same as a sentence. `statement` is the statement of the system.
+    `velocity_slope` x. u are the deviations of `inputs`. `equilibrium` is true if the point is an equilibrium, or a
+    steady motion with the stated velocities; `note` says so in a sentence. `statement` is the statement of the system.
     """
 
     coordinates: tuple[Any, ...]
@@ -67,7 +67,7 @@ class Linearization(ShownAsPage):
 
     @property
     def without_inertia(self) -> list[int]:
-        """Indices of velocities without inertia: the row and the column of M are zero, and the row of C is not."""
+        """Indices in x' of velocities without inertia: their row and column of M are zero, but not their row of C."""
         return [
             k
             for k in range(self.M.rows)
@@ -86,10 +86,10 @@ class Linearization(ShownAsPage):
 
     @cached_property
     def _rates(self) -> Any:
-        """The matrix [A, B]: A and B side by side.
+        """The matrices A and B of the first-order form side by side, [A, B].
 
-        C determines the velocities without inertia, and M the accelerations of the others. Raises StatementError if
-        one of these blocks of C and M is singular.
+        Velocities without inertia follow from a block of C, the accelerations of the others from a block of M. Raises
+        StatementError if one of these blocks is singular.
         """
         massless = self.without_inertia
         massive = [k for k in range(self.M.rows) if k not in massless]
@@ -114,16 +114,19 @@ class Linearization(ShownAsPage):
 
     @property
     def places(self) -> list[int]:
-        """Indices of `coordinates` among the coordinates of the system."""
+        """Indices that `coordinates` have among all coordinates of the system."""
         return [self.statement.coordinates.index(q) for q in self.coordinates]
 
     @property
     def speeds(self) -> list[int]:
-        """Indices of `velocity_coordinates` among the coordinates of the system."""
+        """Indices that `velocity_coordinates` have among all coordinates of the system."""
         return [self.statement.coordinates.index(q) for q in self.velocity_coordinates]
 
     def of_moving(self) -> Linearization | None:
-        """Return the equations of `velocity_coordinates` alone, or None if they depend on other coordinates."""
+        """Return the same equations with `velocity_coordinates` as the only coordinates, so that K is square.
+
+        The result is None if the equations contain other coordinates.
+        """
         kept = [k for k, q in enumerate(self.coordinates) if q in self.velocity_coordinates]
         others = [k for k in range(self.K.cols) if k not in kept]
         rows = list(range(self.K.rows))
@@ -154,10 +157,10 @@ class Linearization(ShownAsPage):
 
 
 def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
-    """Return the linearization of a system about the point `at`, after comparing it with the compiled model.
+    """Return the linearization of a system about the point `at`, after a comparison with the compiled model.
 
-    `inputs` are the parameters or given functions of time that are the inputs u. Rotations are described by small turns
-    of the bodies.
+    `at` maps coordinates and velocities to values. `inputs` lists the parameters or given functions of time that are
+    the inputs u. Deviations of a rotation are small turns of the body about its axes.
     """
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)
@@ -176,7 +179,7 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
 def linearized_at(point: StatedPoint, changes: SmallChanges | None = None) -> Linearization:
     """Return the linearization about a point. Raises StatementError if a force or a derivative has no value there.
 
-    `changes` are the equations of small changes about the point, if they are known already.
+    `changes` are the equations of small changes about the point. If None, they are derived.
     """
     statement, changes = point.form.statement, changes or small_changes(point)
     matrices, positions, speeds, rates = changes.matrices, changes.positions, changes.speeds, changes.rates
@@ -215,19 +218,19 @@ FALSE_POLE = "Away from equilibrium: the mass matrix is singular here, and next 
 
 
 MOST_OPERATIONS = 150
-"""Largest number of operations in M, C and K together for determinants in symbols. A determinant for 3 coordinates with
-112 operations takes 0.3 s, for 2 coordinates with 255 operations some minutes."""
+"""Largest number of operations in M, C and K together, up to which determinants are computed in symbols. One for 3
+coordinates with 112 operations takes 0.3 s, one for 2 coordinates with 255 operations some minutes."""
 
 SAMPLES = 4  # Number of random values of the symbols at which a mass matrix with long formulas is evaluated
 POLE_DISTANCES = (1e-3, 1e-4, 1e-5)  # Distances of the points at which a force is evaluated from a pole
 SAME_SQUARE = 0.9
-"""Ratio of the smallest to the largest squared force near a pole, above which the force does not vanish at it"""
+"""Ratio of the smallest to the largest squared force near a pole, above which the force does not tend to zero there"""
 
 
 def has_inertia(lin: Linearization) -> bool:
-    """Return True if the mass matrix M is regular.
+    """Return True if the mass matrix M of a linearization is regular.
 
-    A matrix with long formulas is regular if its rank is full at one of `SAMPLES` random values of its symbols.
+    A matrix with long formulas counts as regular if its rank is full at one of `SAMPLES` random values of its symbols.
     """
     if not has_long_formulas(lin):
         return not is_zero(lin.M.det(method="berkowitz"))
@@ -236,16 +239,16 @@ def has_inertia(lin: Linearization) -> bool:
 
 
 def has_long_formulas(lin: Linearization) -> bool:
-    """Return True if determinants and roots of M, C and K in symbols would take too long."""
+    """Return True if M, C and K are so long that their determinants in symbols would take minutes."""
     return sum(size(x) for matrix in (lin.M, lin.C, lin.K) for x in matrix) > MOST_OPERATIONS
 
 
 def is_false_pole(point: StatedPoint) -> bool:
-    """Return True for a pole of the coordinates, such as theta = 0 on a sphere, where the system is not in balance.
+    """Return True for a pole of the coordinates, such as theta = 0 on a sphere, that is no equilibrium.
 
     At a pole the mass matrix M is singular, and the forces F on the coordinates may vanish although the body is pushed.
-    Near the pole, F M^-1 F, a squared force per mass, tends to zero if the system is in balance. The result is True
-    only if it tends to one positive number from several directions. A parameter without a value gets an arbitrary one.
+    Near an equilibrium F M^-1 F, a squared force per mass, tends to zero. The result is True only if it tends to one
+    positive number from several directions. A parameter without a value gets an arbitrary one.
     """
     form = point.form
     still = {**dict.fromkeys(form.a, sympy.S.Zero), **dict(zip(form.v, point.v, strict=True))}
@@ -263,7 +266,7 @@ def is_false_pole(point: StatedPoint) -> bool:
                 return False
             try:
                 squares.append(float(np.sum(np.linalg.solve(np.linalg.cholesky(mass), force) ** 2)))
-            except np.linalg.LinAlgError:  # M is singular not only at the point
+            except np.linalg.LinAlgError:  # M is also singular near the point
                 return False
     return min(squares) > SAME_SQUARE * max(squares)
 
@@ -282,10 +285,10 @@ def masses_at(point: StatedPoint) -> tuple[Any, Any, dict[Any, Any]]:
 def _note(
     point: StatedPoint, unbalanced: Sequence[Any], names_of_forces: Sequence[str], balanced: bool, steady: bool
 ) -> str:
-    """Return a sentence on the point: an equilibrium, a steady motion, or the unbalanced forces by name.
+    """Return a sentence that says whether the point is an equilibrium or a steady motion, and else lists forces.
 
-    `unbalanced` are the forces left at the point, and `names_of_forces` their coordinates. `balanced` is true if these
-    forces are zero, `steady` if the linear equations remain valid along the motion.
+    `unbalanced` are the forces left at the point, and `names_of_forces` the names of their coordinates. `balanced` is
+    true if these forces are zero, `steady` if the linear equations remain valid along the motion.
     """
     form = point.form
     if balanced and steady:
@@ -303,17 +306,18 @@ def _note(
 
 
 INPUT_STEP = 1e-3
-"""Step of an input in the difference that verifies B. The difference is exact for forces linear in the input."""
+"""Change of an input, from which the input matrix is verified by differences. They are exact for linear forces."""
 
 INPUT_ERROR = 1e-5
-"""Largest difference of B from its numerical value, relative to the largest entry. Curvature adds to it."""
+"""Largest difference of the input matrix B from its value by finite differences, relative to the largest derivative.
+Forces that are not linear in the input add to the difference."""
 
 
 def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
-    """Raise RunError if a linearization differs from the compiled model.
+    """Raise RunError if a linearization differs from the derivatives of the compiled model at the point.
 
-    The comparison is at the stated values of the parameters, if all have one. It is repeated at random values, unless
-    the point or the matrices contain decimals.
+    They are compared at the stated values of the parameters, if all have one, and at random values, unless the point
+    or the matrices contain decimals.
     """
     statement = point.form.statement
 
@@ -330,10 +334,10 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
 
 
 def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> tuple[Any, Any]:
-    """Return the rows of A for the rates of x', flattened: from the compiled model, and from the linearization.
+    """Return two lists of numbers to compare: coefficients by the compiled model, and by the linearization.
 
-    If a column of the input matrix B differs, both versions of this column are returned instead. If a matrix is
-    singular, or not real and finite, the second result is NaN. `values` maps the parameters and t to numbers.
+    They are the rows of A that give the rates of x', or a column of the input matrix B that differs. If a matrix is
+    singular, or not real and finite, the second list is [NaN]. `values` maps the parameters and t to numbers.
     """
     state = numeric(sympy.Matrix([*point.q, *point.v]), values).ravel()
     mass, damping, stiffness, pushes = (numeric(x, values) for x in (lin.M, lin.C, lin.K, lin.input_matrix))
@@ -349,7 +353,7 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
         return [], [float("nan")]
     time = float(values[t])
     parameters = {p: float(values[p]) for p in point.form.statement.parameters}
-    # The velocities without inertia are `shares` times the deviations [x, x'].
+    # The velocities without inertia are the matrix `shares` times the deviations [x, x' with inertia].
     forces, count = np.hstack([-stiffness, -damping[:, fast]]), stiffness.shape[1]
     shares = np.linalg.solve(resistance, forces[slow])
     formulas = np.linalg.solve(inertia, forces[fast] - damping[np.ix_(fast, slow)] @ shares)
@@ -357,7 +361,7 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
     jacobian = model.jacobian(time, state, parameters)
 
     def slopes_of(part: slice) -> tuple[Any, Any]:
-        """Return derivatives of the rows `part` of the right-hand side by independent coordinates and velocities."""
+        """Return derivatives of the compiled rates of q or v (`part`) by independent coordinates and velocities."""
         rows = jacobian[part][lin.speeds]
         by_v = rows[:, model.layout.v]
         return rows[:, model.layout.q] @ basis + by_v @ slopes, by_v @ speeds
@@ -369,12 +373,12 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
         compiled_slow = np.hstack([rates_by_place[slow], rates_by_speed[np.ix_(slow, fast)]])
         formulas_slow = shares
     else:
-        # This compiled model has accelerations also for velocities without inertia.
+        # This compiled model computes accelerations for velocities without inertia, too.
         compiled_slow = by_speed[slow]
         formulas_slow = shares[:, :count] @ speeds[lin.places] + shares[:, count:] @ by_speed[fast]
     scale = max(1e-300, np.abs(by_speed).max(), np.abs(by_place).max())
     for k, u in enumerate(point.inputs):
-        # Velocities without inertia follow the input at once.
+        # Velocities without inertia change with the input without delay.
         moves, rates = np.zeros(len(mass)), np.zeros(len(mass))
         moves[slow] = np.linalg.solve(resistance, pushes[slow, k])
         rates[fast] = np.linalg.solve(inertia, pushes[fast, k] - damping[fast] @ moves)
@@ -392,13 +396,13 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
 
 
 LARGEST_DIFFERENCE = 1e-7
-"""Largest difference from the compiled Jacobian, relative to its largest entry. Both have about ten digits."""
+"""Largest error of a linearization, relative to the largest entry of the compiled Jacobian. Both have ten digits."""
 
 
 def check_turns(lin: Linearization, changes: SmallChanges, point: StatedPoint, model: Model) -> None:
-    """Raise RunError if a linearization in small turns of bodies differs from the compiled model.
+    """Raise RunError if a linearization in small turns of bodies differs from the compiled model, in quaternions.
 
-    The comparison is at the stated values of the parameters. It is left out if one has no value.
+    `lin` was made from `changes`. The comparison is at the parameters' values, and left out if one has no value.
     """
     statement = point.form.statement
     if set(statement.without_values) - set(point.inputs):

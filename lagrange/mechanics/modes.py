@@ -37,7 +37,7 @@ from lagrange.statement.display import ShownAsPage
 from lagrange.statement.statement import Statement
 
 LARGEST_SYMBOLIC = 4
-"""Largest number of coordinates for symbolic frequencies: the characteristic polynomial of five fills pages."""
+"""Largest number of coordinates for symbolic frequencies. For five the characteristic polynomial fills pages."""
 
 LONGEST_POLYNOMIAL = 3000  # Largest number of operations in a characteristic polynomial that is factored
 
@@ -45,14 +45,14 @@ LONGEST_SIMPLIFIED = 60
 """Largest number of operations in a formula with roots that SymPy simplifies. Longer ones may take hours."""
 
 NULL_ENTRY = 1e-18
-"""Entries of a null vector below this fraction of the largest entry count as zero: rounding of 30 digits"""
+"""Largest entry of a null vector that counts as zero, relative to its largest entry: rounding in 30 digits"""
 
 SMALL = 1e-7  # Frequencies below this fraction of the largest count as zero. Their squares are accurate to about 1e-16
 
 
 @dataclass(frozen=True, eq=False)
 class Modes(ShownAsPage):
-    """The n modes about an equilibrium: `frequencies`, and `shapes` as column vectors in `coordinates`.
+    """The n modes of vibration about an equilibrium: `frequencies`, and `shapes` as column vectors in `coordinates`.
 
     A mode has the eigenvalues -decay + i frequency and -decay - i frequency. The frequency is real if the mode
     oscillates and imaginary if it does not. A mode with an imaginary frequency grows if its magnitude exceeds `decay`.
@@ -75,7 +75,7 @@ class Modes(ShownAsPage):
         return self._summary(map(str, self.frequencies))
 
     def _summary(self, frequencies: Iterable[str]) -> str:
-        """Return one line with the stability and the `frequencies`, which are texts."""
+        """Return a line of text on the stability and the `frequencies`, which are given as texts."""
         word = {True: "stable", False: "unstable", None: "undecided"}[self.stable]
         return f"<Modes: {word}; frequencies {listing(frequencies)}>"
 
@@ -95,7 +95,7 @@ def check_first_order(lin: Linearization, form: PlainForm) -> None:
 
 @dataclass(frozen=True)
 class _Root:
-    """One mode before its shape is computed: `frequency`, `decay`, and the eigenvalue s as `value`."""
+    """One mode before its shape is computed: `value` is its eigenvalue s = -`decay` + i `frequency`."""
 
     frequency: Any
     decay: Any
@@ -154,7 +154,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
 
 
 def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any] | None) -> None:
-    """Raise RunError if a symbolic root is not an eigenvalue, at the values of the symbols or at arbitrary ones."""
+    """Raise RunError if a symbolic root is no eigenvalue at `values` of the symbols, or at arbitrary ones if None."""
     values = _values_of(lin.M, lin.C, lin.K) if values is None else values
     numbers = eigenvalues(lin, values)
     for root in roots:
@@ -168,7 +168,7 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
 
 
 def _values_of(*matrices: Any) -> Mapping[Any, Any]:
-    """Return distinct, arbitrary numbers for all symbols in matrices, by symbol.
+    """Return {symbol: number} for all symbols in matrices, with distinct, arbitrary numbers.
 
     With these numbers frequencies can be sorted although parameters have no values.
     """
@@ -176,7 +176,7 @@ def _values_of(*matrices: Any) -> Mapping[Any, Any]:
 
 
 def eigenvalues(lin: Linearization, values: Mapping[Any, Any]) -> Any:
-    """Return the eigenvalues of the first-order matrix as numbers, sorted by real part, then imaginary part."""
+    """Return the eigenvalues s of (M s^2 + C s + K) x = 0 at `values` of the symbols, sorted by their real parts."""
     mass, damping, stiffness = (numeric(x, values) for x in (lin.M, lin.C, lin.K))
     return np.sort_complex(np.linalg.eigvals(first_order_matrix(mass, damping, stiffness)))
 
@@ -184,7 +184,7 @@ def eigenvalues(lin: Linearization, values: Mapping[Any, Any]) -> Any:
 def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
     """Return (roots, shapes) of the modes in symbols, or None if they are not found.
 
-    The result is None if the determinant is too long, if the matrices contain decimals, or if a factor of the
+    They are not found if det(M s^2 + C s + K) is too long, if the matrices contain decimals, or if a factor of the
     determinant is not solved, such as one of degree above two.
     """
     s = sympy.Dummy("s")
@@ -211,9 +211,9 @@ def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
 
 
 def _roots(polynomial: Any, x: Any, even: bool) -> list[_Root] | None:
-    """Return the modes that are roots of a polynomial in x, or None if a factor is not solved.
+    """Return the modes whose eigenvalues s are the roots of the characteristic polynomial, or None if it is not solved.
 
-    If `even` is true, x is s^2: only even powers of s occur, as without damping. Else x is the eigenvalue s.
+    If `even` is true, only even powers of s occur, as without damping, and x is the symbol for s^2. Else x is s.
     """
     roots: list[_Root] = []
     for factor, power in sympy.factor_list(polynomial, x)[1]:
@@ -231,9 +231,10 @@ def _roots(polynomial: Any, x: Any, even: bool) -> list[_Root] | None:
 
 
 def _of_factor(coefficients: Sequence[Any], even: bool) -> list[_Root] | None:
-    """Return the modes of a factor with `coefficients`, the highest power first; None if it is not solved.
+    """Return the modes of a factor of the characteristic polynomial, or None if its degree is above two.
 
-    The variable is s^2 if `even` is true, else the eigenvalue s. A factor of degree above two is not solved.
+    `coefficients` are those of powers of s^2 if `even` is true, else of the eigenvalue s; the highest power is first.
+    A linear factor in s other than s itself is not solved either.
     """
     zero = sympy.S.Zero
     if len(coefficients) == 2:
@@ -255,10 +256,10 @@ def _of_factor(coefficients: Sequence[Any], even: bool) -> list[_Root] | None:
 
 
 def _by_product(total: Any, squared: Any) -> list[_Root]:
-    """Return two modes from w1^2 + w2^2 = total and P = w1 w2: w = (sqrt(total + 2 P) -+ sqrt(total - 2 P))/2.
+    """Return two undamped modes, from w1^2 + w2^2 = `total` and w1^2 w2^2 = `squared` for their frequencies w.
 
-    `squared` is P^2. This form is shorter if P contains no root, as for Foucault's pendulum. The list is empty if P may
-    be imaginary.
+    With P = w1 w2 the frequencies are (sqrt(total + 2 P) -+ sqrt(total - 2 P))/2. This form is the shorter one if P
+    contains no root, as for Foucault's pendulum. The list is empty if P may be imaginary.
     """
     product = _root_of(squared)
     if not product.is_positive:
@@ -269,7 +270,7 @@ def _by_product(total: Any, squared: Any) -> list[_Root]:
 
 
 def _oscillation(root: Any) -> _Root:
-    """Return the undamped mode with the given value `root` of s^2."""
+    """Return the undamped mode whose eigenvalue s has the square `root`."""
     frequency = _root_of(-root)
     return _Root(frequency, sympy.S.Zero, sympy.I * frequency)
 
@@ -296,9 +297,10 @@ def _neat(expression: Any) -> Any:
 
 
 def _shape(matrix: Any, skipped: int) -> Any:
-    """Return the null vector number `skipped` of a matrix, scaled to 1 as first non-zero entry.
+    """Return a null vector of a matrix, scaled so that its first non-zero entry is 1, as the shape of a mode.
 
-    The result is None if the matrix has no more than `skipped` null vectors.
+    `skipped` is the number of independent null vectors before it, which are the shapes of modes of equal frequency. The
+    result is None if there are no more.
     """
     adjugate = matrix.adjugate()
     values = _values_of(matrix)
@@ -322,7 +324,7 @@ def _shape(matrix: Any, skipped: int) -> Any:
 
 
 def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root], list[Any]]:
-    """Return roots and shapes as numbers, sorted by the magnitudes of the real and imaginary parts of the frequency."""
+    """Return roots and shapes as numbers, sorted by the magnitudes of real and imaginary parts of the frequencies."""
     mass, damping, stiffness = (numeric(x, values) for x in (lin.M, lin.C, lin.K))
     n = mass.shape[0]
     eigenvalues, vectors = np.linalg.eig(first_order_matrix(mass, damping, stiffness))
@@ -337,7 +339,7 @@ def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root]
     rigid = list(rows[sizes <= SMALL * max(1e-300, sizes.max())])  # zero is a multiple eigenvalue with few eigenvectors
     listed = []
     for other, i in pairs:
-        # A pair is complex conjugate, or the lowest and the highest real eigenvalue, opposite without damping.
+        # A pair is complex conjugate, or has the lowest and the highest real eigenvalue, opposite ones without damping.
         value = eigenvalues[i]
         decay, frequency = -(value + other).real / 2, (value - other) / 2j
         shown = sympy.Float(frequency.real) if value.imag > SMALL * largest else sympy.I * sympy.Float(-frequency.imag)
@@ -358,7 +360,7 @@ def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root]
 
 @dataclass(frozen=True, eq=False)
 class ModeShapes:
-    """Shapes of m modes about an equilibrium, each scaled so that its largest component is 1.
+    """Shapes of m modes about an equilibrium as numbers, each scaled so that its largest component is 1.
 
     `components` (m, n) are the displacements of the n coordinates in each mode, in the order of `names`.
     `frequencies` (m,) are complex for modes that do not oscillate. `decay` (m,) are the decay rates. `points` maps
@@ -376,7 +378,7 @@ class ModeShapes:
 
 
 def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
-    """Return the shapes and frequencies of symbolic `modes` as numbers, at the stated values of the parameters.
+    """Return the shapes and frequencies of `modes` as numbers, at the stated values of the parameters.
 
     Raises StatementError if a parameter has no value.
     """

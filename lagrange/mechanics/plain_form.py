@@ -1,6 +1,6 @@
-"""Rewrite a statement in plain symbols for SymPy, and shorten expressions; refuse analyses with too long formulas.
+"""Replace functions of time such as x(t) by SymPy symbols, and simplify, evaluate and compare expressions.
 
-Functions here also test whether an expression is zero, and evaluate it.
+Analyses whose formulas get too long are refused.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ HIGHEST_DEGREE = 100
 MERGED_TERMS = 20_000  # Largest number of products in merging sines and cosines: about 0.2 s
 
 LARGEST_FRACTION = 10
-"""Largest numerator and denominator of a fraction in an expression with decimals. Others become decimals."""
+"""Largest numerator and denominator of a fraction in an expression with decimals. Other fractions become decimals."""
 
 _ANGLES = (sympy.sin, sympy.cos, sympy.tan)
 _INVERSES = (sympy.asin, sympy.acos, sympy.atan)
@@ -68,7 +68,7 @@ def simplest(expression: Any) -> Any:
 def rational_below(expression: Any) -> Any:
     """Return an expression without square roots in its denominator.
 
-    A long expression is returned unchanged, and one with roots within roots or functions, as in |sqrt(a) - b|. A root
+    An expression is returned unchanged if it is long, or has roots within roots or functions, as |sqrt(a) - b|. A root
     of a base b is replaced by a symbol r with r^2 = b, and the fraction is multiplied by the conjugate of its
     denominator.
     """
@@ -90,7 +90,7 @@ def rational_below(expression: Any) -> Any:
 
 
 def root_of_square(expression: Any) -> Any:
-    """Return the square root of an expression. For a - 2 sqrt(a b) + b it is |sqrt(a) - sqrt(b)|."""
+    """Return the square root of an expression: for positive a, b and a - 2 sqrt(a b) + b it is |sqrt(a) - sqrt(b)|."""
     powers = [x for x in expression.atoms(sympy.Pow) if x.base.is_Symbol and x.base.is_positive and x.exp.is_Rational]
     bases = sorted({x.base for x in powers if not x.exp.is_Integer}, key=str)
     if not bases or size(expression) > LONGEST_FACTORED or _generators(expression) > MOST_SYMBOLS:
@@ -145,7 +145,7 @@ def term_count(expression: Any) -> int:
 
 
 def multiplied_out(expression: Any) -> Any:
-    """Return an expression after expansion; return a long one, or one that would become long, unchanged."""
+    """Return an expression after expansion of its products, or unchanged if it is long or would become long."""
     few = size(expression) <= LONGEST_FACTORED and term_count(expression) <= MOST_TERMS
     return sympy.expand(expression) if few else expression
 
@@ -163,13 +163,14 @@ def is_zero(expression: Any) -> bool:
 STATES = 3  # Number of random states at which an expression must be zero to count as identically zero
 
 RESIDUAL = 1e-20
-"""Largest rounding error of an expression that is zero, relative to its terms, with FORMULA_DIGITS digits."""
+"""Largest value of an expression that counts as zero, relative to its terms, with FORMULA_DIGITS digits."""
 
 
 def vanishes(form: PlainForm, expression: Any, kinds: Sequence[SampleKind] = ALL_KINDS) -> bool:
-    """Return True if an expression is zero at random states of the given `kinds`.
+    """Return True if an expression is zero at random states of the system `form`.
 
-    If it has a value at too few states, SymPy decides.
+    `kinds` are the rules by which states are drawn, such as near the initial state. If the expression has a value at
+    too few states, SymPy decides.
     """
     if expression == 0:
         return True
@@ -199,8 +200,7 @@ def _is_rounding(expression: Any, values: Mapping[Any, Any]) -> bool | None:
 def size_of_terms(expression: Any, values: Mapping[Any, Any]) -> float:
     """Return the magnitude of the terms of an expression, to which its rounding error is proportional.
 
-    Each sum in the expression is replaced by the sum of magnitudes: in (x - y) z the two terms of the first factor may
-    cancel.
+    Each sum in the expression is replaced by the sum of the magnitudes of its terms: (x - y) z has (|x| + |y|) |z|.
     """
     if expression.is_Add:
         return sum(size_of_terms(term, values) for term in expression.args)
@@ -215,17 +215,20 @@ MOST_NODES = 15_000  # Largest number of nodes, in all expression trees, that on
 
 
 class Shortener:
-    """Computes short forms of expressions, up to a limit on their total size.
+    """Shortens the expressions of one analysis. Methods raise StatementError if these are too long altogether.
 
-    `what` names the expressions in the error message beyond the limit. `vanishes` returns True for an expression that
-    is identically zero.
+    `what` names the expressions in the error message. The function `vanishes` returns True for an expression that is
+    identically zero.
     """
 
     def __init__(self, what: str, vanishes: Callable[[Any], bool]) -> None:
         self.what, self.vanishes, self.nodes = what, vanishes, 0
 
     def short(self, expression: Any) -> Any:
-        """Return an expression in a short form; 0 if it vanishes. Raises StatementError beyond the limit."""
+        """Return the shortest form of an expression, 0 if it vanishes.
+
+        Raises StatementError if the expressions shortened so far exceed MOST_NODES nodes.
+        """
         if not expression.args:
             return expression
         tree = sympy.preorder_traversal(expression)
@@ -238,14 +241,14 @@ class Shortener:
         return sympy.S.Zero if self.vanishes(expression) else simplest(expression)
 
     def product(self, *factors: Any) -> Any:
-        """Return the product of matrices, with entries in a short form."""
+        """Return the product of the matrices `factors`, with simplified entries."""
         result = factors[0]
         for factor in factors[1:]:
             result = (result * factor).applyfunc(self.short)
         return result
 
     def solved(self, matrix: Any, right: Any) -> Any:
-        """Return X with `matrix` X = `right`, by elimination. Raises ZeroDivisionError if the matrix is singular."""
+        """Return the matrix X with `matrix` X = `right`, by elimination. Raises ZeroDivisionError if it is singular."""
         m, short = matrix.rows, self.short
         wide = sympy.Matrix.hstack(matrix, right)
         for j in range(m):
@@ -269,27 +272,27 @@ FORMULA_DIGITS = 30  # Decimal digits of an evaluated formula: compared with dou
 
 @dataclass(frozen=True, eq=False)
 class PlainForm:
-    """Energies, momenta and equations of a statement, in plain symbols q, v, a instead of functions of time.
+    """Energies, momenta and equations of a statement, in SymPy symbols q, v, a instead of functions of time.
 
-    q are coordinates, v velocities and a accelerations. The residual of coordinate i is dp_i/dt - dL/dq_i + dD/dv_i -
-    Q_i, without the forces of constraints.
+    q are coordinates, v velocities and a accelerations. The residual of the equation of motion of coordinate i is
+    dp_i/dt - dL/dq_i + dD/dv_i - Q_i, without the forces of constraints.
     """
 
     statement: Statement
 
     @cached_property
     def plain(self) -> Mapping[Any, Any]:
-        """Mapping {coordinate, velocity or acceleration: its plain symbol}."""
+        """Mapping of coordinates, velocities and accelerations, as functions of time, to symbols in their place."""
         return self.statement.plain
 
     @cached_property
     def q(self) -> tuple[Any, ...]:
-        """The plain symbols of the coordinates, n of them."""
+        """SymPy symbols of the n coordinates, in place of functions of time."""
         return tuple(self.plain[q] for q in self.statement.coordinates)
 
     @cached_property
     def v(self) -> tuple[Any, ...]:
-        """The plain symbols of the velocities, n of them."""
+        """SymPy symbols of the n velocities, in place of first derivatives of functions of time."""
         return tuple(self.plain[v] for v in self.statement.velocities)
 
     @cached_property
@@ -299,12 +302,12 @@ class PlainForm:
 
     @cached_property
     def lagrangian(self) -> Any:
-        """The Lagrangian L, in plain symbols."""
+        """The Lagrangian L as an expression in the symbols `q` and `v`."""
         return self.read(self.statement.lagrangian)
 
     @cached_property
     def forces(self) -> tuple[Any, ...]:
-        """The forces without a potential, Q - dD/dv, n of them."""
+        """The n generalized forces without a potential, Q - dD/dv, where D is the dissipation."""
         dissipation = self.read(self.statement.dissipation)
         return tuple(
             self.read(force) - dissipation.diff(v) for force, v in zip(self.statement.forces, self.v, strict=True)
@@ -312,12 +315,12 @@ class PlainForm:
 
     @cached_property
     def momenta(self) -> tuple[Any, ...]:
-        """The momenta dL/dv, n of them."""
+        """The n momenta dL/dv as expressions in the symbols `q` and `v`."""
         return tuple(self.lagrangian.diff(v) for v in self.v)
 
     @cached_property
     def initial_momenta(self) -> tuple[float | None, ...]:
-        """The momenta at the initial state, n of them; None if a parameter has no value."""
+        """The n momenta at the initial state; None for one that has no real value, as without values of parameters."""
         statement = self.statement
         values = dict(zip((*self.q, *self.v), statement.initial, strict=True)) | dict(statement.defaults) | {t: 0.0}
         complete = all(p in statement.defaults for p in statement.parameters)
@@ -326,39 +329,39 @@ class PlainForm:
 
     @cached_property
     def mass(self) -> Any:
-        """The mass matrix d2L/dv2, (n, n)."""
+        """The mass matrix d2L/dv2 (n, n), a SymPy matrix."""
         return sympy.Matrix([[simplest(p.diff(v)) for v in self.v] for p in self.momenta])
 
     @cached_property
     def residuals(self) -> tuple[Any, ...]:
-        """The equations of motion as n expressions that are zero, without constraint forces."""
+        """The n residuals of the equations of motion, in the symbols q, v and a, without constraint forces."""
         return tuple(
             time_derivative(p, self.plain) - self.lagrangian.diff(q) - force
             for p, q, force in zip(self.momenta, self.q, self.forces, strict=True)
         )
 
     def read(self, expression: Any) -> Any:
-        """Return a stated expression in plain symbols, in a form that SymPy can differentiate."""
+        """Return a stated expression with symbols for functions of time, in a form that SymPy can differentiate."""
         return differentiable(expression.xreplace(self.plain))
 
     def written(self, expression: Any) -> Any:
-        """Return an expression with plain symbols replaced by the user's symbols and functions."""
+        """Return an expression with the symbols q, v and a replaced by the user's functions of time."""
         return printable(expression).xreplace(self.stated)
 
     @cached_property
     def stated(self) -> Mapping[Any, Any]:
-        """The inverse of `plain`: {symbol: coordinate, velocity or acceleration of the statement}."""
+        """Mapping of the symbols q, v and a to the user's functions of time; the inverse of `plain`."""
         return {symbol: leaf for leaf, symbol in self.plain.items()}
 
     def at(self, point: SamplePoint) -> dict[Any, Any]:
-        """Return a sample point as {symbol of a coordinate, velocity, parameter or t: exact fraction}."""
+        """Return {symbol: exact fraction} for the coordinates, velocities, parameters and t at a sample point."""
         numbers = [*zip(self.q, point.q, strict=True), *zip(self.v, point.v, strict=True)]
         numbers += [*point.parameters.items(), (t, point.t)]
         return {symbol: sympy.Rational(x) for symbol, x in numbers}
 
 
 def time_derivative(expression: Any, plain: Mapping[Any, Any]) -> Any:
-    """Return the total time derivative of an expression in plain symbols and t.
+    """Return the total time derivative of an expression in t and symbols for coordinates, velocities, accelerations.
 
     The values of `plain` are the symbols of each coordinate, its velocity and its acceleration, in this order.
     """
@@ -368,7 +371,10 @@ def time_derivative(expression: Any, plain: Mapping[Any, Any]) -> Any:
 
 
 def number(expression: Any, values: Mapping[Any, Any]) -> complex:
-    """Return the value of an expression in plain symbols; NaN if it has no value, or contains an undefined function."""
+    """Return the value of an expression at `values`, {symbol: number}.
+
+    The result is NaN if the expression has no value, or contains a function of time that is not known.
+    """
     formula = prescribed(printable(expression))
     if formula.has(AppliedUndef):
         return complex("nan")
@@ -381,7 +387,7 @@ def number(expression: Any, values: Mapping[Any, Any]) -> complex:
 
 
 def prescribed(expression: Any) -> Any:
-    """Return an expression with functions of time and their derivatives replaced by their known expressions."""
+    """Return an expression with known functions of time, and their derivatives, replaced by formulas in t."""
     if not expression.has(AppliedUndef):
         return expression
     table: dict[Any, Any] = {}
@@ -394,19 +400,19 @@ def prescribed(expression: Any) -> Any:
 
 
 def real(expression: Any, values: Mapping[Any, Any]) -> float:
-    """Return the value of an expression in plain symbols as a float. NaN if it has no value or is not real."""
+    """Return the value of an expression at `values`, {symbol: number}, or NaN if it has no value or is not real."""
     value = number(expression, values)
     return value.real if abs(value.imag) <= IMAGINARY * abs(value.real) else float("nan")
 
 
 def numeric(matrix: Any, values: Any) -> Any:
-    """Return a SymPy matrix as an array of doubles, or of complex numbers if an entry is complex."""
+    """Return the SymPy matrix at `values`, {symbol: number}: an array of doubles, or complex if an entry is complex."""
     entries = np.array([number(x, values) for x in matrix], dtype=complex).reshape(matrix.shape)
     return entries.real if not entries.imag.any() else entries
 
 
 def momentum_names(statement: Statement, coordinates: Iterable[str]) -> list[str]:
-    """Return a name for the momentum of each coordinate: p_x, with underscores appended if the statement uses it."""
+    """Return a name for the momentum of each coordinate: p_x for x, with underscores appended if p_x is in use."""
     taken = [*statement.names, *(p.name for p in statement.parameters)]
     names: list[str] = []
     for coordinate in coordinates:

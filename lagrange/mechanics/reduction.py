@@ -35,11 +35,12 @@ def rewritten(
 ) -> Statement:
     """Return a new statement: the old one with the function `put` applied to each of its expressions.
 
-    An argument that is None leaves its part as stated. `coordinates` are the new coordinates. `forces` are new forces,
-    to which `put` is not applied. `constraints` are the old constraints that remain; `put` is applied to them.
-    `parameters` are all parameters of the new expressions, {symbol: value or None}. `initial` is the new initial state,
-    by coordinate and velocity. If rotations remain, expressions contain their entries and rates by name, such as
-    R_xx(t). Raises StatementError if the result is not a valid statement.
+    Each further argument replaces a part of the statement; None leaves this part unchanged. `coordinates` are the new
+    coordinates. `forces` are the new forces {coordinate: expression}, to which `put` is not applied. `constraints` are
+    the old constraints that remain; `put` is applied to them. `parameters` are all parameters of the new expressions,
+    {symbol: value or None}. `initial` is the new initial state, by coordinate and velocity. If rotations remain,
+    expressions contain their matrix entries and rates by name, such as R_xx(t). Raises StatementError if the result is
+    not a valid statement.
     """
     chosen = statement.coordinates if coordinates is None else tuple(coordinates)
     left = {c.name for c in (statement.constraints if constraints is None else constraints)}
@@ -73,10 +74,9 @@ def rewritten(
 
 
 def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
-    """Return the form of a statement that describes its rotations by small turns of the bodies about their own axes.
+    """Return `statement.reading`: the same system, in which rotations are described by rates about the body axes.
 
-    This form is `statement.reading`. If it is None, or if a quaternion is not among the new `coordinates`, the
-    statement itself is returned.
+    The statement itself is returned if `reading` is None, or if a quaternion is not among the new `coordinates`.
     """
     kept = all(q in coordinates for name in statement.rotations for q in rotation_of(name).quaternion)
     return statement.reading if statement.reading is not None and kept else statement
@@ -85,7 +85,7 @@ def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
 def with_origin(derived: Statement, statement: Statement) -> Statement:
     """Return the statement `derived` with the texts, run settings and dimensions of `statement`, its original.
 
-    Events are left out of the run settings.
+    The run settings are taken without events, and the dimensions of symbols that are left.
     """
     left = {t, *derived.coordinates, *derived.parameters}
     sizes = MappingProxyType({symbol: size for symbol, size in statement.dimensions.items() if symbol in left})
@@ -95,11 +95,11 @@ def with_origin(derived: Statement, statement: Statement) -> Statement:
 
 @refusing_deep
 def substituted(statement: Statement, replacements: Mapping[Any, Any]) -> Statement:
-    """Return the statement with expressions in place of some parameters; keys are symbols or names.
+    """Return the statement with other expressions for some parameters: `replacements` is {symbol or name: expression}.
 
-    A function of time may also be a key, with values as for `lagrange.given`. Parameters that occur only in the new
-    expressions have no value. Raises StatementError for a key that is not a parameter, and for an expression in
-    coordinates or time, whose derivatives would be missing in the equations.
+    A given function of time may also be replaced, by any value that `lagrange.given` takes. Parameters that occur only
+    in the new expressions have no value. Raises StatementError for a key that is not a parameter, and for an expression
+    in coordinates or time, whose derivatives would be missing in the equations.
     """
     if not isinstance(replacements, Mapping) or not replacements:
         raise StatementError(
@@ -134,7 +134,7 @@ def substituted(statement: Statement, replacements: Mapping[Any, Any]) -> Statem
 
 
 def _value(parameter: Any, replacement: Any, by_name: Mapping[str, Any]) -> Any:
-    """Return the user's expression `replacement` for a parameter, in the symbols of the system (`by_name`)."""
+    """Return the user's expression `replacement` for a parameter, in the parameters of the system, {name: symbol}."""
     what = f"the value of {parameter}"
     value, survey = expression(replacement, what), Survey()
     survey.add(value, what)
@@ -154,9 +154,9 @@ def _value(parameter: Any, replacement: Any, by_name: Mapping[str, Any]) -> Any:
 
 @refusing_deep
 def reduced(statement: Statement, requests: Sequence[Any]) -> Statement:
-    """Return a statement without some coordinates, and without the constraints that determine them.
+    """Return a statement without the requested coordinates, and without the constraints that determine them.
 
-    Each request is a coordinate, its name, the name of a constraint, or a dict {coordinate: expression}. Raises
+    A request is a coordinate, its name, the name of a constraint, or a dict {coordinate: expression}. Raises
     StatementError if no constraint determines a coordinate.
     """
     if not requests:
@@ -182,7 +182,7 @@ def _requests(request: Any, statement: Statement) -> list[tuple[str, Any]]:
 
 
 def _coordinate_of(constraint: Constraint, statement: Statement) -> str:
-    """Return the last coordinate that a constraint determines. Raises StatementError if it determines none."""
+    """Return the last coordinate that a constraint determines uniquely. Raises StatementError if there is none."""
     if not constraint.holonomic:
         raise StatementError(
             f"the constraint {constraint.name} determines no coordinate: {_on_velocities([constraint.name])}"
@@ -197,9 +197,9 @@ def _coordinate_of(constraint: Constraint, statement: Statement) -> str:
 
 
 def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
-    """Return the coordinate `name` as an expression in plain symbols, from a constraint.
+    """Return the expression for the coordinate `name` that solves a constraint, or None if it is not unique.
 
-    The result is None unless the constraint determines the coordinate uniquely.
+    The expression has symbols in place of functions of time.
     """
     plain = statement.plain
     c = plain[statement.coordinates[statement.names.index(name)]]
@@ -216,7 +216,11 @@ def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
 
 
 def _without(statement: Statement, name: str, replacement: Any) -> Statement:
-    """Return the statement without the coordinate `name`; `replacement` is the user's expression for it, or None."""
+    """Return the statement without the coordinate `name` and one constraint that determines it.
+
+    `replacement` is the user's expression for the coordinate. If it is None, a constraint is solved for the coordinate.
+    Raises StatementError if no constraint determines it.
+    """
     if len(statement.coordinates) == 1:
         raise StatementError(f"{name} is the only coordinate left: keep it, because a system needs a coordinate.")
     q = statement.coordinates[statement.names.index(name)]
@@ -243,8 +247,8 @@ def _without(statement: Statement, name: str, replacement: Any) -> Statement:
 def _check_initial(statement: Statement, name: str, solved: Any) -> None:
     """Raise StatementError if initial values contradict `solved`, the expression for the coordinate `name`.
 
-    The coordinate and its velocity are compared. Zeros are not, since zero is the default; and nothing is compared if a
-    parameter has no value.
+    The coordinate and its velocity are compared. A stated zero is not compared, since zero is the default, nor an
+    expression with a parameter that has no value.
     """
     plain, n = statement.plain, len(statement.coordinates)
     state = zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True)
@@ -302,10 +306,11 @@ def _on_velocities(names: Sequence[str]) -> str:
 def _checked(
     constraints: Sequence[Constraint], name: str, replacement: Any, statement: Statement
 ) -> tuple[Constraint, Any]:
-    """Return the constraint that a user's expression solves for a coordinate, and the expression in plain symbols.
+    """Return (constraint, expression), where the user's expression for a coordinate solves the constraint.
 
-    `name` is the coordinate, and `replacement` the expression. All `constraints` contain the coordinate. Raises
-    StatementError if the expression solves none of them.
+    `name` is the coordinate, and `replacement` the expression as the user gave it. The returned expression has symbols
+    in place of functions of time. `constraints` are those that contain the coordinate. Raises StatementError if the
+    expression solves none of them.
     """
     what, q = f"the value of {name}", statement.coordinates[statement.names.index(name)]
     stated = in_own_parameters(expression(replacement, what), statement.parameters)
@@ -336,7 +341,7 @@ def _checked(
 
 
 def _substituted(statement: Statement, name: str, constraint: Constraint, solved: Any) -> Statement:
-    """Return the statement without a coordinate and its constraint; `solved` is the coordinate in plain symbols."""
+    """Return the statement with the expression `solved` in place of the coordinate `name`, and without `constraint`."""
     index = statement.names.index(name)
     gone = statement.coordinates[index]
     plain = statement.plain

@@ -25,7 +25,8 @@ MOST_BRANCHES = 64  # Largest number of branches that are followed; n factors in
 LONGEST_EQUATION = 400  # Largest number of operations in an equation that is factored
 
 LONGEST_SYSTEM = 500
-"""Largest number of operations in all equations. Those of seven attracting bodies take minutes, without success."""
+"""Largest number of operations in equations that are solved in symbols. Those of seven attracting bodies take minutes,
+without success."""
 
 HIGHEST_DEGREE = 8  # Largest product of the degrees of polynomial equations that are solved together, by Groebner bases
 
@@ -38,9 +39,9 @@ class GivenUpError(Exception):
 
 
 def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[dict[Any, Any]] | None:
-    """Return all real solutions {unknown: value} of equations e = 0, or None if the equations are not solved.
+    """Return all real solutions {unknown: value} of equations e = 0 in symbols, or None if they are not found.
 
-    An unknown that stays arbitrary has no entry.
+    An unknown that stays arbitrary has no entry in a solution.
     """
     if sum(map(size, equations)) > LONGEST_SYSTEM:
         return None
@@ -68,10 +69,11 @@ def _is_complex(value: Any) -> bool:
 def _follow(
     equations: Sequence[Any], unknowns: tuple[Any, ...], known_values: dict[Any, Any], branches_left: list[int]
 ) -> list[dict[Any, Any]]:
-    """Return the solutions {unknown: value} of the remaining equations, each together with `known_values`.
+    """Return the solutions {unknown: value} of equations in the remaining `unknowns`, solved one after another.
 
-    `branches_left` is a list with one entry, the number of branches that may still be tried. Raises GivenUpError if an
-    equation is too long or no branch is left.
+    `known_values` are the values of unknowns that were solved before; each solution includes them. `branches_left` is a
+    list with one entry, the number of branches that may still be tried. Raises GivenUpError if an equation is too long
+    or no branch is left.
     """
     remaining = []
     for equation in equations:
@@ -104,7 +106,7 @@ def _follow(
 
 
 def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | None:
-    """Return (unknown, value) for the roots of every factor of an equation, or None if a factor cannot be solved."""
+    """Return [(unknown, value)] for the roots of all factors of an equation, or None if a factor cannot be solved."""
     solutions: list[tuple[Any, Any]] = []
     try:
         factors = [factor for factor, _ in sympy.factor_list(equation)[1]]
@@ -122,10 +124,10 @@ def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | No
 
 
 def _linear(factor: Any, present: Sequence[Any]) -> list[tuple[Any, Any]] | None:
-    """Return [(unknown, value)] for a factor that is linear in an unknown, or None for any other factor.
+    """Return [(unknown, value)] for a factor of an equation that is linear in an unknown, or None for other factors.
 
-    The coefficient of the unknown must contain no unknowns. A factor sin(a - b) gives two values. `present` are the
-    unknowns in the factor.
+    The coefficient of the unknown must contain no unknowns. A factor sin(a - b) gives two values of a. `present` are
+    the unknowns in the factor.
     """
     for x in present:
         slope = sympy.expand(factor.diff(x))
@@ -140,7 +142,7 @@ def _linear(factor: Any, present: Sequence[Any]) -> list[tuple[Any, Any]] | None
 
 
 def _of_one(factor: Any, x: Any) -> list[tuple[Any, Any]] | None:
-    """Return [(x, value)] for the roots of a factor whose only unknown is x, or None if it cannot be solved."""
+    """Return [(x, value)] for the roots of a factor of an equation, whose only unknown is x; None if not solved."""
     functions = sorted((f for f in factor.atoms(sympy.sin, sympy.cos, sympy.tan) if f.has(x)), key=str)
     if not functions:
         roots = _roots(factor, x)
@@ -168,7 +170,7 @@ def _of_one(factor: Any, x: Any) -> list[tuple[Any, Any]] | None:
 
 
 def _inverse(function: Any, value: Any) -> list[Any]:
-    """Return the angles in one period at which a sine, cosine or tangent equals `value`; empty if there are none."""
+    """Return the angles in one period 2 pi at which a sine, cosine or tangent equals `value`; [] if there are none."""
     if value.is_number and not isinstance(function, sympy.tan) and abs(complex(value)) > 1:
         return []
     if isinstance(function, sympy.cos):
@@ -181,9 +183,9 @@ def _inverse(function: Any, value: Any) -> list[Any]:
 
 
 def _tangent(factor: Any, argument: Any) -> list[Any] | None:
-    """Return the two angles in one period at which `factor`, a sin + b cos of `argument`, is zero.
+    """Return the two values of `argument`, in one period, at which a factor a sin(argument) + b cos(argument) is zero.
 
-    The result is None for a factor of another form.
+    The result is None if the factor does not have this form.
     """
     s, c = sympy.sin(argument), sympy.cos(argument)
     first, second = sympy.Symbol("first"), sympy.Symbol("second")
@@ -218,9 +220,10 @@ def _roots(polynomial: Any, x: Any) -> list[Any] | None:
 
 
 def _together(equations: Sequence[Any], unknowns: Sequence[Any], known_values: dict[Any, Any]) -> list[dict[Any, Any]]:
-    """Return the solutions of polynomial equations of low degree, each together with `known_values`.
+    """Return the solutions {unknown: value} of polynomial equations of low degree, which are solved together.
 
-    Raises GivenUpError for other equations, and for roots that may be complex or are too long.
+    `known_values` are the values of unknowns that were solved before; each solution includes them. Raises GivenUpError
+    for other equations, and for roots that may be complex or are too long.
     """
     present = [x for x in unknowns if any(e.has(x) for e in equations)]
     if not all(e.is_polynomial(*present) for e in equations) or len(equations) != len(present):
@@ -251,27 +254,27 @@ CONVERGED_STEP = 1e-9  # Largest last Newton step at convergence, relative to 1 
 SMALL = 1e-8  # Largest residual at a root, relative to the typical residuals at the starts
 
 WITHIN = 1e-3
-"""Largest ratio of residual to slope at a root, relative to 1 plus the largest unknown. It rejects end points far out,
-where a residual is small but never zero."""
+"""Largest distance of a root, estimated as residual/derivative at the end of Newton's method, relative to 1 plus the
+largest unknown. Points far out, where residuals decay without a zero, are no roots."""
 
 SAME_ROOT = 1e-6  # Largest distance of end points that are the same root, relative to 1 plus the largest unknown
 
 FLAT = 1e-6
-"""Smallest ratio of the least to the largest singular value of the slopes at a simple root. Below this ratio the root
-is multiple, such as y = 0 of y^3."""
+"""Ratio of the smallest to the largest singular value of the Jacobian at a root, below which the root is multiple, such
+as y = 0 of y^3."""
 
 SAME_FLAT = 1e-3
-"""Largest distance of multiple roots that count as one, in place of SAME_ROOT. y^3 determines y to about 1e-4. The end
-point of smallest residual is kept."""
+"""Largest distance of end points that are the same multiple root, relative to 1 plus the largest unknown. It exceeds
+SAME_ROOT, because rounding of y^3 leaves y uncertain by about 1e-4. The point of smallest residual is kept."""
 
 
 def numeric_roots(
     equations: Sequence[Any], unknowns: Sequence[Any], start: FloatArray, angles: Sequence[bool], helpers: int = 0
 ) -> list[FloatArray]:
-    """Return the solutions (k,) of equations, found by Newton's method from many starts, sorted.
+    """Return the real solutions (k,) of equations e = 0 that Newton's method finds from many starts, sorted.
 
-    `start` (k,) is the first start, and `angles` (k,) is true for unknowns of period 2 pi. The last `helpers` unknowns,
-    such as multipliers, are left out of the results.
+    `start` (k,) is the first start. `angles` (k,) is true for unknowns of period 2 pi. There are k + `helpers`
+    unknowns: the last ones, such as multipliers, are left out of the solutions.
     """
     k, turning = len(start), np.array(angles, dtype=bool)
     scale = np.where(turning, 1.0, max(1.0, float(np.abs(start).max(initial=0.0))))
@@ -301,7 +304,7 @@ def numeric_roots(
 
 
 def _wrapped(x: FloatArray, turning: Any) -> FloatArray:
-    """Return the unknowns x with angles reduced to (-pi, pi], and values below 1e-12 replaced by zero.
+    """Return the values x of unknowns with angles reduced to (-pi, pi], and values below 1e-12 replaced by zero.
 
     `turning` is true for unknowns that are angles.
     """
@@ -311,7 +314,7 @@ def _wrapped(x: FloatArray, turning: Any) -> FloatArray:
 
 
 class _NumericEquations:
-    """Equations and their derivatives as nodes of a graph, evaluated in doubles at many points at once."""
+    """Equations e = 0, and their derivatives by the unknowns, evaluated in doubles at many points at once."""
 
     def __init__(self, equations: Sequence[Any], unknowns: Sequence[Any]) -> None:
         graph = Graph()
@@ -322,13 +325,13 @@ class _NumericEquations:
         self.slopes = [column(value) for value in self.values for column in columns]
 
     def at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the residuals (m, N) and their derivatives (N, m, k) at the columns of x (k, N)."""
+        """Return the residuals (m, N) of m equations, and their Jacobians (N, m, k), at N points x (k, N)."""
         m, (k, columns) = len(self.values), x.shape
         rows = doubles([*self.values, *self.slopes], dict(zip(self.symbols, x, strict=True)), columns)
         return rows[:m], np.moveaxis(rows[m:].reshape(m, k, columns), 2, 0)
 
     def newton(self, x: FloatArray, longest: FloatArray) -> tuple[FloatArray, Any]:
-        """Run Newton's method from each column of x (k, N); return the end points (k, N) and a mask (N,).
+        """Run Newton's method from each of N starts x (k, N); return the end points (k, N) and a mask (N,).
 
         The mask is true where the method converged. A step changes each unknown by at most its entry in `longest` (k,).
         """

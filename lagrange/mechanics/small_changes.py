@@ -1,13 +1,13 @@
 """Compute M, C and K of a linearization in independent coordinates, for constraints, rotations and inputs.
 
-The residual of the equations is r(q, v, a) - G^T lambda. The constraints on velocities are psi(q, v) = 0; a constraint
-on positions is differentiated. G = dpsi/dv and P = dpsi/dq. Changes of positions are dq = B z, where z are the changes
-of independent coordinates, and B spans the null space of the gradients of constraints on positions. Changes of
-velocities are dv = N u + L z, where u are the changes of independent velocities, G N = 0 and G L = -P B. For
-independent coordinates the rows of B and N are those of a unit matrix, the rows of L are zero, and the rows of dv are
-z'. The rate of dv along the motion is the change of the accelerations. N^T times the change of the residual is free of
-changes of lambda. Source: A. L. Schwab, J. P. Meijaard, Dynamics of flexible multibody systems with non-holonomic
-constraints, Multibody System Dynamics 10, 2003.
+The residual of the equations is r(q, v, a) - G^T lambda, with multipliers lambda. The constraints on velocities are
+psi(q, v) = 0, where a constraint on positions is differentiated. Let G = dpsi/dv and P = dpsi/dq. Changes of positions
+are dq = B z, where z are the changes of independent coordinates, and B spans the null space of the gradients of
+constraints on positions. Changes of velocities are dv = N u + L z, where u are the changes of independent velocities,
+G N = 0 and G L = -P B. For independent coordinates the rows of B and N are those of a unit matrix, the rows of L are
+zero, and the rows of dv are z'. The rate of dv along the motion is the change of the accelerations. N^T times the
+change of the residual does not contain changes of lambda. Source: A. L. Schwab, J. P. Meijaard, Dynamics of flexible
+multibody systems with non-holonomic constraints, Multibody System Dynamics 10, 2003.
 
 Rotations change by small turns x of the bodies about their own axes: dq = S x, dv = S x' + S' x, da = S x'' + 2 S' x' +
 S'' x. So M, C, K of the entries of quaternions become S^T M S, S^T (2 M S' + C S) and S^T (M S'' + C S' + K S). A body
@@ -36,7 +36,8 @@ from lagrange.statement.rotation import quaternion_rows
 from lagrange.statement.space import body_rates, velocities_at, x, y, z
 
 ELIMINATION_ROUNDING = 1e-9
-"""Rounding error of elimination, relative to the largest entry of a row: smaller entries count as zero."""
+"""Largest entry of a constraint's gradient that counts as zero in elimination, relative to the largest entry of its
+row: it is a rounding error."""
 
 Rows = Sequence[Sequence[Node]]
 
@@ -44,12 +45,12 @@ Rows = Sequence[Sequence[Node]]
 class SmallChanges(NamedTuple):
     """Linear equations of small changes about a point: M u' + C u + K z = (input matrix) u_input.
 
-    z are the changes of independent coordinates, and u of independent velocities; the entries `positions` of N u + L z
-    are z'. `matrices` has M, C, K, the input matrix, and B, N and L of the module's description, by their names in
-    `Linearization`. `positions` are the indices of the independent coordinates, `speeds` of the coordinates with
-    independent velocities. `unbalanced` are the residual forces along these velocities at the point. `rates` are all
-    velocities at the point, and for a body its rates of rotation. `turn_matrices` are the matrices `turned` and `bent`
-    of `TangentMotion`, then S, S' and S'' of the module's description.
+    z are the changes of independent coordinates, and u of independent velocities. B z are the changes of all
+    coordinates, N u + L z those of all velocities, and its entries `positions` are z'. `matrices` has M, C, K, the
+    input matrix, B, N and L, by their names in `Linearization`. `positions` are the indices of the independent
+    coordinates, `speeds` of the coordinates with independent velocities. `unbalanced` are the forces along these
+    velocities that are left at the point. `rates` are all velocities at the point, and for a body its rates about its
+    own axes. `turn_matrices` are `turned` and `bent` of `TangentMotion`, then S, S', S'' of the module's description.
     """
 
     matrices: dict[str, Any]
@@ -61,7 +62,7 @@ class SmallChanges(NamedTuple):
 
 
 class AtPoint:
-    """Evaluates expressions of a system, which are nodes of its expression graph, at the expansion point."""
+    """Evaluates nodes of the expression graph of a system at the point of its linearization, as SymPy expressions."""
 
     def __init__(self, point: StatedPoint) -> None:
         self.point, self.form, self.statement = point, point.form, point.form.statement
@@ -84,7 +85,7 @@ class AtPoint:
     def matrix(self, rows: Rows, columns: int) -> Any:
         """Return the values of `rows` of graph nodes at the expansion point, as a SymPy matrix in parameters.
 
-        `columns` is the number of columns, also if there are no rows.
+        `columns` is the number of columns, also if there are no rows. Raises StatementError if a value is not finite.
         """
         try:
             nodes = substitute([x for row in rows for x in row], self.here)
@@ -108,9 +109,9 @@ class AtPoint:
         )
 
     def joined(self, *products: tuple[Any, ...]) -> Any:
-        """Return the sum of products of matrices; each argument has the factors of one product.
+        """Return the sum of products of matrices, with simplified entries: for (A, B), (C, D) it is A B + C D.
 
-        Products with a zero matrix and factors that are unit matrices are skipped.
+        To save time, products with a zero matrix are left out, and so are factors that are unit matrices.
         """
         total = sympy.zeros(products[0][0].rows, products[0][-1].cols)
         for factors in products:
@@ -122,10 +123,10 @@ class AtPoint:
         return total
 
     def turning(self, column: Sequence[Any], factor: int) -> Any:
-        """Return the matrix from small turns of bodies and changes of other coordinates to changes of all coordinates.
+        """Return the matrix S of dq = S x: x are small turns of bodies about their axes and changes of coordinates.
 
-        `column` are the values of all coordinates, which determine the changes of quaternions. Other coordinates have
-        the entry `factor`: 1, or 0 for a derivative of the matrix in time.
+        q are all coordinates, with the entries of quaternions. `column` has the values of q, and `factor` is 1. For a
+        time derivative of S, `column` has the same derivative of q, and `factor` is 0.
         """
         coordinates, matrix = self.statement.coordinates, sympy.zeros(self.n, len(self.read))
         for j, q in enumerate(self.read):
@@ -138,7 +139,10 @@ class AtPoint:
         return matrix
 
     def speeds(self, q: Sequence[Any], v: Sequence[Any]) -> list[Any]:
-        """Return the body rates and the velocities of other coordinates, from all coordinates q and velocities v."""
+        """Return the velocities, with the rates of a body about its axes in place of derivatives of its quaternion.
+
+        q and v are the values of all coordinates and velocities at the point.
+        """
         of_turns: dict[Any, Any] = {}
         for each, rows in self.bodies:
             rates = body_rates([q[i] for i in rows], [v[i] for i in rows])
@@ -147,13 +151,16 @@ class AtPoint:
         return [speeds[coordinate] for coordinate in self.read]
 
     def slopes(self, nodes: Iterable[Node], symbols: Sequence[Node]) -> list[list[Node]]:
-        """Return the derivatives of nodes by symbols, one row for each node."""
+        """Return the partial derivatives of `nodes` by `symbols`, which are nodes too: a row for each of `nodes`."""
         listed = list(nodes)
         columns = [tangents(listed, {x: self.equations.graph.one}) for x in symbols]
         return [[column(node) for column in columns] for node in listed]
 
     def rates(self, rows: Rows) -> list[list[Node]]:
-        """Return the total time derivatives of nodes in q, v and t, without terms whose rate is zero at the point."""
+        """Return the total time derivatives of nodes in q, v and t, without terms whose rate is zero at the point.
+
+        `rows` are lists of nodes, and so is the result.
+        """
         e = self.equations
         motion = (*zip(e.q, e.v, strict=True), *zip(e.v, self.a, strict=True))
         moving = {x: rate for x, rate in motion if self.here[rate] is not e.graph.zero}
@@ -162,9 +169,10 @@ class AtPoint:
 
 
 class DependentCoordinates:
-    """Independent rows G (m, n) of constraint gradients at a point, and m dependent coordinates chosen for these rows.
+    """Choice of m dependent coordinates, which m independent constraints determine at a point.
 
-    The columns of G for the dependent coordinates are a regular matrix. `kept` are the indices of the rows.
+    `gradient` is G (m, n), the gradients of these constraints, and `kept` has their indices among all constraints. The
+    columns of G for the dependent coordinates are a regular matrix.
     """
 
     def __init__(self, shortener: Shortener, gradient: Any) -> None:
@@ -175,13 +183,13 @@ class DependentCoordinates:
 
     @cached_property
     def inverse(self) -> Any:
-        """The inverse of the columns of G for dependent coordinates, by elimination with short pivots."""
+        """The inverse of the square matrix (m, m) of the columns of G for dependent coordinates, in symbols."""
         m = len(self.kept)
         columns = self.gradient.extract(list(range(m)), self.dependent)
         return self.shortener.solved(columns, sympy.eye(m))
 
     def solved(self, right: Any) -> Any:
-        """Return the matrix X with G X = -`right`. It has n rows; rows of independent coordinates are zero."""
+        """Return the matrix X (n, k) with G X = -`right` (m, k) whose rows for independent coordinates are zero."""
         whole = sympy.zeros(self.n, right.cols)
         if self.kept:
             below = self.shortener.product(-self.inverse, right)
@@ -196,7 +204,7 @@ class DependentCoordinates:
         return unit + self.solved(self.gradient * unit)
 
     def balance(self, forces: Any) -> Any:
-        """Return the multipliers lambda with G^T lambda = `forces` in the rows of dependent coordinates."""
+        """Return the multipliers lambda for which G^T lambda equals `forces` (n, 1) on all dependent coordinates."""
         return self.shortener.product(self.inverse.T, forces.extract(self.dependent, [0]))
 
 
@@ -220,7 +228,7 @@ def _pivots(gradient: Any) -> tuple[list[int], list[int]]:
 
 
 def small_changes(point: StatedPoint) -> SmallChanges:
-    """Return the equations of small changes about a point.
+    """Return the linear equations of small changes about a point, in independent coordinates.
 
     Raises StatementError for a point off the constraints, and if the constraints are dependent or leave no motion.
     """
@@ -276,13 +284,13 @@ def small_changes(point: StatedPoint) -> SmallChanges:
 
 
 class TangentMotion:
-    """Small motions x on the constraints: x = B z, x' = N u + L z, x'' = N u' + `turned` u + `bent` z.
+    """Matrices of small motions x along the constraints: x = B z, x' = N u + L z, x'' = N u' + `turned` u + `bent` z.
 
-    z are changes of independent coordinates, and u of independent velocities. B, N, L, `turned` and `bent` are
-    matrices. `speeds` and `positions` choose the dependent velocities and the dependent coordinates. `levels` are the
-    constraints on velocities. `gradients` are two pairs (nodes, values at the point): the gradients of `levels` by
-    velocities, and the gradients of holonomic constraints by coordinates. `turns` are the matrix S of `AtPoint.turning`
-    and its first two derivatives in time.
+    z are changes of independent coordinates, and u of independent velocities. The arguments `speeds` and `positions`
+    choose the dependent velocities and the dependent coordinates. `levels` are the constraints on velocities.
+    `gradients` are two pairs (nodes, values at the point): the gradients of `levels` by velocities, and the gradients
+    of holonomic constraints by coordinates. `turns` are the matrix S of `AtPoint.turning` and its first two derivatives
+    in time.
     """
 
     def __init__(
@@ -298,8 +306,8 @@ class TangentMotion:
         slopes = at_point.slopes(levels, at_point.equations.q)
         (gradient, G), (holonomic, Phi), P_whole = *gradients, at_point.matrix(slopes, n)
         G_rate, P_rate, Phi_rate = (at_point.matrix(at_point.rates(rows), n) for rows in (gradient, slopes, holonomic))
-        # Derivatives of constraints on velocities by small turns and other coordinates, and time derivatives of G, of
-        # P and of the gradients of holonomic constraints.
+        # Time derivatives of G, of P and of the gradients of holonomic constraints, and P itself, for changes x: small
+        # turns of bodies, and changes of other coordinates.
         g_rate = join((G_rate, S), (G, S_rate))
         p_rate = join((P_rate, S), (P_whole, S_rate), (G_rate, S_rate), (G, S_bend))
         phi_rate = join((Phi_rate, S), (Phi, S_rate))
@@ -312,9 +320,9 @@ class TangentMotion:
         self.turned, self.bent = N_rate + product(self.L, N_rows), L_rate + product(self.L, L_rows)
 
     def reduced(self, mass: Any, damping: Any, stiffness: Any) -> tuple[Any, Any]:
-        """Return the coefficient matrices C of u and K of z in M u' + C u + K z.
+        """Return the coefficient matrices C of u and K of z in the linear equations M u' + C u + K z = 0.
 
-        `mass`, `damping` and `stiffness` are the matrices for all coordinates, dependent ones included.
+        `mass`, `damping` and `stiffness` are the coefficients of x'', x' and x for all coordinates.
         """
         product, L = self.product, self.L
         C = product(mass, self.turned) + product(damping, self.N)
@@ -347,9 +355,9 @@ def _check(at_point: AtPoint) -> None:
 
 
 def _driven(at_point: AtPoint, mass: Any, unbalanced: Any) -> Any:
-    """Return the accelerations of independent velocities that `unbalanced` forces cause.
+    """Return the accelerations a with `mass` a = `unbalanced`, the forces that are left at the point.
 
-    `mass` is the mass matrix of these velocities. Raises StatementError if it is singular.
+    Both are for independent velocities. Raises StatementError if the mass matrix is singular and forces are left.
     """
     if unbalanced.is_zero_matrix or (at_point.point.decimal and all(at_point.point.is_zero(x, ()) for x in unbalanced)):
         return sympy.zeros(*unbalanced.shape)
@@ -375,8 +383,8 @@ def _driven(at_point: AtPoint, mass: Any, unbalanced: Any) -> Any:
 def _residuals(at_point: AtPoint, gradient: Rows, multipliers: Sequence[Any]) -> list[Node]:
     """Return the residuals M a - h - G^T lambda of the equations of motion, one node for each coordinate.
 
-    h are the forces, `gradient` is G, and `multipliers` are lambda. Terms with accelerations that are zero are left
-    out.
+    h are the forces less the velocity terms of dp/dt, `gradient` is G, and `multipliers` are the values of lambda.
+    Terms with accelerations that are zero at the point are left out.
     """
     e = at_point.equations
     a = [at_point.here[x] if at_point.here[x] is e.graph.zero else x for x in at_point.a]

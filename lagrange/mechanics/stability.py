@@ -47,7 +47,8 @@ REAL_PART = 1e-6
 
 LARGEST_DEGREE = 100  # Largest denominator of the degree in velocities of a term of the dissipation, such as 3/2
 SAME_PLACE = 1e-9
-"""Threshold for two points at one pole: largest M dq for their difference dq, relative to the largest entry of M"""
+"""Largest entry of M dq for two points at the same pole, relative to the largest entry of the mass matrix M. dq is the
+difference of their coordinates, as in the longitude, which has no inertia at a pole."""
 DEFINITE = 1e-9  # Eigenvalues of a symmetric matrix below this fraction of its largest entry count as zero
 
 
@@ -65,14 +66,17 @@ NO_POINT = "the point does not exist at the values of the parameters."
 
 
 def matrix_values(lin: Linearization, point: StatedPoint) -> Mapping[Any, Any] | None:
-    """Return the values of all symbols in the matrices M, C and K of a linearization, or None if one has no value."""
+    """Return {symbol: value} for the matrices M, C and K of a linearization, or None if one symbol has no value."""
     numbers = point.numbers
     symbols = [s for matrix in (lin.M, lin.C, lin.K) for x in matrix for s in sorted(x.free_symbols, key=str)]
     return numbers if all(s in numbers for s in symbols) else None
 
 
 def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
-    """Return A of d/dt [x, v] = A [x, v], where M dv/dt + C v + K x = 0. Raises StatementError if M is singular."""
+    """Return the matrix A (2n, 2n) with d/dt [x, v] = A [x, v] for M dv/dt + C v + K x = 0, all in numbers.
+
+    Raises StatementError if M is singular.
+    """
     n = mass.shape[0]
     try:
         lower = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
@@ -85,8 +89,8 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
     """Return the stability of an equilibrium.
 
     If all parameters have values, eigenvalues and the energy decide. Else signs that SymPy can prove decide, if the
-    formulas are not too long. `axial` is true if the system is symmetric about the equilibrium in the plane of the two
-    coordinates that are not ignorable.
+    formulas are not too long. `axial` is true if two coordinates are not ignorable and the system is symmetric under
+    rotations in their plane about the equilibrium, such as an upright top.
     """
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
@@ -128,10 +132,10 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
 
 
 def each_pole_once(points: Sequence[StatedPoint]) -> list[int]:
-    """Return the indices of the points that are kept: all points, but only the first of the points at one pole.
+    """Return the indices of `points` without repetitions: only the first is kept of points at one pole.
 
-    Points at one pole differ in a direction without inertia, such as the longitude; near the pole every direction has
-    inertia.
+    A pole is a point at which the coordinates are singular, such as theta = 0 on a sphere. Points at one pole differ in
+    a coordinate without inertia there, such as the longitude. Near the pole every coordinate has inertia.
     """
     indices, poles = list[int](), list[Any]()
     for index, point in enumerate(points):
@@ -153,8 +157,9 @@ def each_pole_once(points: Sequence[StatedPoint]) -> list[int]:
 def criterion(lin: Linearization, fixed: tuple[int, ...], *, axial: bool = False) -> tuple[Any, ...]:
     """Return the leading minors of the stiffness matrix K at fixed momenta of ignorable coordinates.
 
-    If all minors are positive, the energy has a minimum. `fixed` are the indices of the ignorable coordinates; `axial`
-    is explained in `at_fixed_momenta`. The result is empty if M is singular, or the formulas are too long.
+    If all minors are positive, the energy has a minimum. `fixed` are the indices of the ignorable coordinates. `axial`
+    is true if the system is symmetric under rotations in the plane of the two others. The result is empty if M is
+    singular, or the formulas are too long.
     """
     if has_long_formulas(lin) or not has_inertia(lin):
         return ()
@@ -171,7 +176,7 @@ def _symbolic_verdict(lin: Linearization, form: PlainForm, ignorable_rows: tuple
     """Return a verdict on stability for all values of the parameters, from signs that SymPy can prove.
 
     If the signs do not suffice, the verdict is None with a reason. `ignorable_rows` are the indices of the ignorable
-    coordinates; `axial` is explained in `at_fixed_momenta`.
+    coordinates. `axial` is true if the system is symmetric under rotations in the plane of the two others.
     """
     minors = criterion(lin, ignorable_rows, axial=axial)
     if any(minor.is_negative for minor in minors[:-1]):
@@ -207,7 +212,7 @@ def _is_definite(matrix: Any) -> bool:
 def ignorable(form: PlainForm) -> tuple[int, ...]:
     """Return the indices of ignorable coordinates, whose momenta are constant.
 
-    Such a coordinate is absent from L, forces and constraints, and no force acts along it.
+    Neither the Lagrangian nor forces nor constraints depend on such a coordinate, and no force acts along it.
     """
     statement = form.statement
     return tuple(
@@ -224,12 +229,13 @@ def ignorable(form: PlainForm) -> tuple[int, ...]:
 def at_fixed_momenta(
     mass: Any, damping: Any, stiffness: Any, fixed: tuple[int, ...], *, axial: bool = False
 ) -> tuple[Any, Any, Any]:
-    """Return M, C and K of the other coordinates while ignorable coordinates keep their momenta.
+    """Return M, C and K for the coordinates that are not ignorable, while the momenta of the others are constant.
 
-    `fixed` are the indices of the ignorable coordinates. With I for the ignorable coordinates and R for the others, the
-    momentum M_IR v_R + M_II v_I + C_IR q_R is constant, which gives v_I. The matrices are arrays or SymPy matrices. If
-    `axial` is true, the two other coordinates are measured along axes that turn about the equilibrium at the rate c/2m.
-    Here C = c J, M = m, and J is the matrix of a quarter turn. In these axes C is zero, and K is larger by c^2/4m.
+    `fixed` are the indices of the ignorable coordinates. With I for these and R for the others, the momentum
+    M_IR v_R + M_II v_I + C_IR q_R is constant, which gives v_I. The matrices are arrays or SymPy matrices. If `axial`
+    is true, the system is symmetric under rotations in the plane of two coordinates R: M is m times the unit matrix,
+    and C = c J with the matrix J of a quarter turn. Then these coordinates are measured along axes that turn at the
+    rate c/2m: C is zero, and K is larger by c^2/4m.
     """
     if not fixed:
         return mass, damping, stiffness
@@ -252,9 +258,9 @@ def at_fixed_momenta(
 
 
 def has_energy(form: PlainForm) -> bool:
-    """Return True if the energy cannot grow: L is independent of time, and no force feeds energy in.
+    """Return True if it is proven that the energy cannot grow: L is independent of time, and no force adds energy.
 
-    Forces feed no energy in if no term of their power Q . v is positive. The dissipation is tested by `only_brakes`.
+    Forces add no energy if no term of their power Q . v is positive. The dissipation is tested by `only_brakes`.
     """
     if not vanishes(form, form.lagrangian.diff(t)) or not only_brakes(form):
         return False
@@ -266,7 +272,7 @@ def has_energy(form: PlainForm) -> bool:
 
 
 def only_brakes(form: PlainForm) -> bool:
-    """Return True if the dissipation D only takes energy, so that its power v . dD/dv is never negative.
+    """Return True if the dissipation function D never adds energy: the power v . dD/dv that it takes is not negative.
 
     For D = v C v/2 with a constant C the result is true, and the caller tests that C is positive semidefinite. Any
     other D must be a sum of terms that are homogeneous in the velocities and not negative.
@@ -285,7 +291,7 @@ def only_brakes(form: PlainForm) -> bool:
 
 
 def _is_drag(term: Any, v: Sequence[Any]) -> bool:
-    """Return True if a term of D is homogeneous in the velocities, of positive degree, and not negative."""
+    """Return True if a term of the dissipation is homogeneous in the velocities v, of positive degree, and >= 0."""
     if not term.is_nonnegative:
         return False
     smooth = differentiable(term)
@@ -301,7 +307,7 @@ def _is_drag(term: Any, v: Sequence[Any]) -> bool:
 
 
 def _verdict_of_eigenvalues(values: Any) -> Verdict | None:
-    """Return the verdict that follows from the real parts of eigenvalues, or None if they do not decide."""
+    """Return the verdict on stability by the real parts of eigenvalues, or None if the largest counts as zero."""
     scale = max(1e-300, float(np.abs(values).max()))
     largest = float(values.real.max())
     if largest > REAL_PART * scale:
@@ -312,7 +318,10 @@ def _verdict_of_eigenvalues(values: Any) -> Verdict | None:
 
 
 def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool) -> Verdict:
-    """Return the verdict for numeric M, C and K at fixed momenta; `energetic` is true if the energy cannot grow."""
+    """Return the verdict on stability for M, C and K in numbers, by eigenvalues, then by the minimum of the energy.
+
+    `energetic` is true if the energy cannot grow.
+    """
     n = mass.shape[0]
     if not n:
         return Verdict(None, "nothing is left to move at fixed momenta.")
@@ -348,7 +357,7 @@ MOST_VALUES = 10_000  # Largest number of values of the parameter: each takes so
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EigenvaluePath:
-    """Eigenvalues (k, 2n) at k `values` of a parameter, and the equilibria (k, n).
+    """Eigenvalues (k, 2n) of the linear equations at k `values` of a parameter, and the equilibria (k, n).
 
     Each column follows one eigenvalue from row to row. A row is NaN if no equilibrium was found. If there are
     constraints, a row has one eigenvalue for each independent coordinate and each independent velocity.
@@ -376,15 +385,15 @@ class EigenvaluePath:
 
 
 def without_growth(eigenvalues: Any) -> Any:
-    """Return a mask (k,): True for each row of `eigenvalues` (k, 2n) without a positive real part, False for NaN."""
+    """Return a mask (k,), true for each row of `eigenvalues` (k, 2n) without a positive real part; false for NaN."""
     return eigenvalues.real.max(axis=1) <= REAL_PART * np.abs(eigenvalues).max(axis=1)
 
 
 def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, model: Model) -> EigenvaluePath:
-    """Return the eigenvalues at each of the values of a parameter, about the equilibrium near `at`.
+    """Return the eigenvalues about an equilibrium at each of the `values` of a parameter.
 
-    `at` maps coordinates and velocities to values, as for `linearize`. Raises StatementError if no equilibrium is found
-    at any value, or if the forces have a corner or a jump at the point.
+    `at` maps coordinates and velocities to expressions for the equilibrium, or to a guess of it. Raises StatementError
+    if no equilibrium is found at any value, or if the forces have a corner or a jump at the point.
     """
     by_name = {p.name: p for p in statement.parameters}
     label = parameter_name(parameter, by_name)
@@ -440,10 +449,10 @@ def _on_constraints(point: StatedPoint) -> Linearization:
 
 
 def _matrix(lin: Linearization | None, model: Model, state: FloatArray, parameters: Any) -> FloatArray | None:
-    """Return the matrix of the first-order linear equations at values of the parameters, or None if not finite.
+    """Return the matrix of the first-order linear equations at values of the `parameters`, or None if not finite.
 
-    The matrix is computed from the symbolic linearization `lin`. If `lin` is None, the matrix is the compiled Jacobian
-    at the state (2n,).
+    It is computed from the symbolic linearization `lin`. If `lin` is None, it is the Jacobian of the compiled `model`
+    at the `state` (2n,).
     """
     if lin is None:
         return model.jacobian(0.0, state, parameters)
@@ -457,7 +466,7 @@ def _matrix(lin: Linearization | None, model: Model, state: FloatArray, paramete
 
 
 def _stated(point: StatedPoint, parameters: Any) -> FloatArray | None:
-    """Return the state (2n,) of the point at values of the parameters, or None if it is not real and finite."""
+    """Return the state [q, v] (2n,) of a point at values of the parameters, or None if it is not real and finite."""
     stated = np.array([number(x, parameters) for x in (*point.q, *point.v)])
     if not np.isfinite(stated).all() or np.abs(stated.imag).max() > 1e-12:
         return None
@@ -465,9 +474,9 @@ def _stated(point: StatedPoint, parameters: Any) -> FloatArray | None:
 
 
 def _equilibrium(point: StatedPoint, model: Model, parameters: Any, before: FloatArray | None) -> FloatArray | None:
-    """Return the state (2n,) of the equilibrium at values of the parameters, or None if Newton's method fails.
+    """Return the state (2n,) of the equilibrium at values of the `parameters`, or None if Newton's method fails.
 
-    `before` is the state of the equilibrium at the previous values, or None at the first ones.
+    Newton's method starts from `before`, the equilibrium at the previous values, or from `point` if `before` is None.
     """
     state, (q, v) = _stated(point, parameters), (model.layout.q, model.layout.v)
     if state is None:
@@ -491,7 +500,7 @@ def _equilibrium(point: StatedPoint, model: Model, parameters: Any, before: Floa
 
 
 def _matched(eigenvalues: Any, before: Any) -> Any:
-    """Return the eigenvalues in the order that best continues the row `before`; sorted if `before` is None."""
+    """Return the eigenvalues in the order closest to the row `before`, or sorted by real part if `before` is None."""
     from scipy.optimize import linear_sum_assignment
 
     ordered = np.sort_complex(np.asarray(eigenvalues))

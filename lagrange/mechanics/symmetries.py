@@ -1,4 +1,4 @@
-"""Propose point symmetries of a system, test them, and give their conserved quantities and the names of these."""
+"""Propose point symmetries of a system, test them, and give their conserved quantities with names."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ PLACINGS: dict[int, tuple[Placing, ...]] = {
         lambda r, b, a: (r * cos(b) * cos(a), r * cos(b) * sin(a), r * sin(b)),
     ),
 }
-"""Functions from coordinates to the position vector of a body, by number of coordinates. The vectors are Cartesian,
-polar (angle from x, or hanging), on a sphere of any radius, cylindrical and spherical. Angles are counted from the pole
-or from the equator."""
+"""Functions from coordinates to the position vector of a body, by number of coordinates. The coordinates are Cartesian,
+polar (with the angle from the axis x, or from the downward axis), cylindrical, spherical, or two angles on a sphere,
+whose radius counts as 1. The angle b is counted from the pole or from the equator."""
 
 
 @dataclass(frozen=True, eq=False)
 class BodyPosition:
-    """Position `r` and velocity `v` of a single body with T = mass |v|^2 / 2, in plain symbols.
+    """Position `r` and velocity `v` of a single body, as vectors of expressions in its coordinates and velocities.
 
-    `rest` is L - T, which is at most linear in velocities.
+    The kinetic energy is T = `mass` |v|^2 / 2. `rest` is L - T, which is at most linear in velocities.
     """
 
     mass: Any
@@ -57,7 +57,7 @@ class BodyPosition:
 def place(stated: StatedAlgebra) -> BodyPosition | None:
     """Return the position of the only body of a statement, or None if its kinetic energy is not mass |v|^2 / 2.
 
-    The position vectors in `PLACINGS`, such as polar and spherical coordinates, are tried.
+    The coordinates are identified by trying those of `PLACINGS`, such as polar and spherical ones.
     """
     mass = _mass(stated)
     for placing in PLACINGS.get(len(stated.q), ()) if mass is not None else ():
@@ -71,7 +71,7 @@ def place(stated: StatedAlgebra) -> BodyPosition | None:
 
 
 def _mass(stated: StatedAlgebra) -> Any:
-    """Return the mass of a single body: the first constant entry of a diagonal mass matrix; None for other matrices."""
+    """Return the mass of a single body, the first constant entry of a diagonal mass matrix; None for other matrices."""
     coupled = (stated.mass[i][j] for i, j in combinations(range(len(stated.q)), 2))
     if any(map(stated.algebra.merge_angles, coupled)):
         return None
@@ -84,7 +84,10 @@ def _mass(stated: StatedAlgebra) -> Any:
 
 
 def _rest(stated: StatedAlgebra, mass: Any, v: Sequence[Any]) -> MonomialSum | None:
-    """Return L - mass |v|^2 / 2, or None if this is not at most linear in the velocities `v`."""
+    """Return L - mass |v|^2 / 2, or None if it has terms of higher order in the velocities than the first.
+
+    `v` is the vector of the velocity of the body, in the coordinates and velocities of the statement.
+    """
     algebra = stated.algebra
     kinetic = algebra.scale(algebra.read(mass * sum(x**2 for x in v) / 2), S.NegativeOne)
     rest = algebra.merge_angles(algebra.add(stated.lagrangian, kinetic))
@@ -98,16 +101,16 @@ def _rest(stated: StatedAlgebra, mass: Any, v: Sequence[Any]) -> MonomialSum | N
 
 
 AXES = {"xy": ("z", 1), "yz": ("x", 1), "zx": ("y", 1), "yx": ("z", -1), "zy": ("x", -1), "xz": ("y", -1)}
-"""Rotation from the first of two axes towards the second: its axis, and its sense, 1 or -1."""
+"""Axis of the rotation from one axis towards another, and its sense, 1 or -1: x towards y turns about +z."""
 
 
 def oriented(
     stated: StatedAlgebra, symmetry: Symmetry, position: BodyPosition | None, energy: str = "energy"
 ) -> tuple[Symmetry, str]:
-    """Return a symmetry in its standard direction, and the name of its conserved quantity.
+    """Return a symmetry with the usual sign, and the name of its conserved quantity.
 
     Rotations turn x towards y. Shifts in time go backwards, so that the quantity is +(v.p - L); its name is `energy`.
-    `position` is the position of the single body, or None.
+    `position` is the position of the body if the system is a single one, else None.
     """
     axis = _axis(stated, symmetry)
     if axis is None and position is not None and symmetry.tau == 0:
@@ -121,9 +124,10 @@ def oriented(
 
 
 def _motion(stated: StatedAlgebra, symmetry: Symmetry, body: BodyPosition) -> tuple[str, int] | None:
-    """Return (name of the quantity, sense 1 or -1) of a rotation of the body about an axis, or a shift along an axis.
+    """Return (name of the conserved quantity, sign) if a symmetry rotates a body about an axis or shifts it along one.
 
-    The result is None for other symmetries.
+    The sign is 1 if the rotation or the shift is in the positive direction of the axis, and -1 if it is not. The result
+    is None for other symmetries.
     """
     moved = Matrix([sum((x.diff(q) * xi for q, xi in zip(stated.q, symmetry.xi, strict=True)), S.Zero) for x in body.r])
     for k, axis in enumerate("xyz"):
@@ -140,7 +144,11 @@ def _motion(stated: StatedAlgebra, symmetry: Symmetry, body: BodyPosition) -> tu
 
 
 def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
-    """Return a name for a conserved quantity. It is p_x only if the quantity is the momentum dL/dv itself."""
+    """Return a name for the conserved quantity of a symmetry that is no rotation; `energy` is that of a shift in time.
+
+    A shift of the coordinate x has "p_x" if the quantity is the momentum dL/dv itself, and "momentum x" if a gauge
+    function is added. A shift of several coordinates has a name such as "momentum x" or "momentum of a and b".
+    """
     names, moved = stated.statement.names, [i for i, xi in enumerate(symmetry.xi) if xi != 0]
     if symmetry.tau != 0:
         return energy
@@ -153,9 +161,9 @@ def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
 
 
 def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
-    """Return (name of the quantity, sense 1 or -1) of a rotation in pairs of coordinates such as x1 and y1.
+    """Return (name of the conserved quantity, sign) if a symmetry rotates pairs of coordinates such as (x1, y1).
 
-    The result is None for other symmetries.
+    The sign is 1 if x turns towards y, and -1 if y turns towards x. The result is None for other symmetries.
     """
     names = dict(zip(stated.q, stated.statement.names, strict=True))
     axes: dict[tuple[str, int], None] = {}
@@ -165,7 +173,7 @@ def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
         partner = next((other for other in stated.q if xi in (other, -other)), None)
         if partner is None or symmetry.tau != 0:
             return None
-        # xi_y = x is the positive sense of the plane (x, y).
+        # A symmetry with xi_y = x turns x towards y, which is the positive sense.
         first, second = axis_of(names[partner]), axis_of(names[q])
         axis, sense = AXES.get(first + second, (f"({names[partner]}, {names[q]})", 1))
         axes[axis, sense * (1 if xi == partner else -1)] = None
@@ -201,14 +209,15 @@ def _text(stated: StatedAlgebra, expression: Any) -> str:
 
 
 LONGEST_GAUGE = 400
-"""Largest number of operations in a derivative that is integrated for a gauge function; ten are typical."""
+"""Largest number of operations in a formula that SymPy integrates to find a gauge function; ten are typical."""
 
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
     """An infinitesimal symmetry: the changes `xi` of the n coordinates, and the change `tau` of the time.
 
-    `gauge` is its gauge function F. All are expressions in plain symbols.
+    `gauge` is its gauge function F(q, t): the symmetry changes the Lagrangian by dF/dt. All are SymPy expressions in
+    symbols for coordinates, parameters and t.
     """
 
     xi: tuple[Any, ...]
@@ -217,9 +226,9 @@ class Symmetry:
 
 
 class SymmetryEquation:
-    """Condition for symmetries of a statement: it tests candidates and finds their gauge functions.
+    """Condition that a symmetry of a statement satisfies: it tests candidates and finds their gauge functions.
 
-    `forces` are dL/dq + Q - dD/dv, as sums of monomials.
+    `forces` are dL/dq + Q - dD/dv, one sum of monomials for each coordinate.
     """
 
     def __init__(self, stated: StatedAlgebra) -> None:
@@ -228,9 +237,10 @@ class SymmetryEquation:
         self.forces = [stated.algebra.add(*pair) for pair in zip(slopes, stated.applied, strict=True)]
 
     def defect(self, symmetry: Symmetry) -> MonomialSum:
-        """Return the time derivative of p . xi - tau E - F along the motion, which is zero for a symmetry.
+        """Return the defect of a candidate: the time derivative of p . xi - tau E - F along the motion.
 
-        p are the momenta, E the energy and F the gauge function. Constraint forces are left out.
+        It is zero for a symmetry. p are the momenta, E the energy and F the gauge function. Constraint forces are left
+        out.
         """
         stated, algebra = self.stated, self.stated.algebra
         parts: list[MonomialSum] = [{}]
@@ -245,9 +255,9 @@ class SymmetryEquation:
         return algebra.merge_angles(algebra.add(*parts))
 
     def completed(self, symmetry: Symmetry) -> Symmetry | None:
-        """Return the candidate with the gauge function F that makes its defect zero, or None if no F is found.
+        """Return a candidate with the gauge function F(q, t) that makes it a symmetry, or None if no F is found.
 
-        The defect without F is the time derivative of p . xi - tau E.
+        F is added if the time derivative of p . xi - tau E is not zero but dF/dt; p are the momenta, E the energy.
         """
         defect = self.defect(symmetry)
         if not self._differs(defect):
@@ -256,13 +266,13 @@ class SymmetryEquation:
         return None if gauge == 0 else replace(symmetry, gauge=gauge)
 
     def _differs(self, terms: MonomialSum) -> bool:
-        """Return True if a sum is not zero at random values of its symbols."""
+        """Return True if a sum of monomials is not zero at random values of its symbols."""
         return not vanishes_in_symbols(printable(self.stated.algebra.write(terms)))
 
     def _gauge(self, defect: MonomialSum) -> Any:
-        """Return F(q, t) with dF/dt equal to the `defect`, or zero if none is found.
+        """Return a function F(q, t) whose time derivative is the `defect` of a candidate, or zero if none is found.
 
-        The derivatives of F, read from the defect, are integrated one after another.
+        The defect shows the partial derivatives of F, which are integrated one after another.
         """
         stated, algebra = self.stated, self.stated.algebra
         gauge, left = S.Zero, defect
@@ -286,10 +296,10 @@ class SymmetryEquation:
         return gauge if not canonical(algebra, left) else S.Zero
 
     def _total(self, defect: MonomialSum, slopes: Sequence[MonomialSum]) -> bool:
-        """Return False if the defect is not the time derivative of any function F(q, t).
+        """Return False if the `defect` of a candidate cannot be the time derivative v . dF/dq + dF/dt of an F(q, t).
 
-        `slopes` are the derivatives of the defect by the velocities. If F exists, they are dF/dq: they contain no
-        velocities, and their derivatives agree with those of dF/dt, the rest of the defect.
+        `slopes` are the derivatives of the defect by the velocities. If F exists, they are dF/dq, so that they contain
+        no velocities, and their derivatives by t are those of the other terms, dF/dt, by q.
         """
         stated, algebra = self.stated, self.stated.algebra
         if any(algebra.free(k) & frozenset(stated.v) for terms in slopes for monomial in terms for k, _ in monomial):
@@ -303,7 +313,10 @@ class SymmetryEquation:
         return True
 
     def across(self, symmetry: Symmetry) -> list[MonomialSum]:
-        """Return the changes G xi of the constraint expressions under a symmetry; zero if it keeps them."""
+        """Return the change of each constraint under a symmetry, G xi; it is zero if the constraint stays valid.
+
+        G are the derivatives of the constraints by coordinates, or by velocities for those on velocities.
+        """
         stated, algebra = self.stated, self.stated.algebra
         rates = []
         for constraint in stated.statement.constraints:
@@ -317,7 +330,7 @@ class SymmetryEquation:
         return rates
 
     def proven(self, symmetry: Symmetry) -> bool:
-        """Return True if a candidate is proven to be a symmetry; False means only that no proof was found."""
+        """Return True if it is proven that a candidate is a symmetry. False means only that no proof was found."""
         stated = self.stated
         moved = [q for q, xi in zip(stated.q, symmetry.xi, strict=True) if xi != 0]
         moved += [stated.time] if symmetry.tau != 0 else []
@@ -327,7 +340,7 @@ class SymmetryEquation:
         return all(is_identity(stated.algebra, terms) for terms in conditions)
 
     def quantity(self, symmetry: Symmetry) -> MonomialSum:
-        """Return the conserved quantity p . xi - tau E - F of a symmetry; p are the momenta and E is the energy."""
+        """Return the conserved quantity p . xi - tau E - F, with momenta p, energy E and gauge function F."""
         stated, algebra = self.stated, self.stated.algebra
         parts = [algebra.multiply(algebra.read(xi), p) for xi, p in zip(symmetry.xi, stated.momenta, strict=True)]
         if symmetry.tau != 0:
@@ -337,13 +350,14 @@ class SymmetryEquation:
 
 
 MOST_PAIRED = 6
-"""Largest number of coordinates for which rotations of pairs without axis names (such as x1, y1) are tried."""
+"""Largest number of coordinates of a system for which rotations are tried in all pairs of coordinates that are not
+named by axes. Names such as x1 and y1 are those of axes."""
 
 
 def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
     """Yield shifts that may be symmetries: of time, of single coordinates, of groups, and of all coordinates.
 
-    A group consists of the coordinates of one axis, such as x1 and x2.
+    A group has the coordinates along one axis, such as x1 and x2.
     """
     n, names = len(stated.q), stated.statement.names
     yield Symmetry((S.Zero,) * n, S.One)
@@ -357,7 +371,11 @@ def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
 
 
 def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield rotations that may be symmetries: of all pairs such as x1, y1 together, and of other single pairs."""
+    """Yield rotations that may be symmetries.
+
+    One turns all bodies together, in the pairs (x1, y1), (x2, y2) and so on. Coordinates that are not named by axes are
+    rotated in one pair at a time.
+    """
     bodies: dict[str, dict[str, int]] = {}
     turning = [rotation_name(q) is not None for q in stated.statement.coordinates]
     for i, name in enumerate(stated.statement.names):
@@ -375,9 +393,9 @@ def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
 
 
 def body_motions(stated: StatedAlgebra, position: BodyPosition) -> Iterator[Symmetry]:
-    """Yield shifts and rotations of a single body that may be symmetries, along and about fixed axes.
+    """Yield shifts of a single body along fixed axes, and rotations about them, that may be symmetries.
 
-    `position` is the position of the body in curvilinear coordinates.
+    `position` is the position of the body. Nothing is yielded if its coordinates are Cartesian.
     """
     if position.r == tuple(stated.q):
         return
@@ -408,7 +426,7 @@ def body_turns(stated: StatedAlgebra) -> Iterator[tuple[Rotation, bool, int, Sym
 
 
 def _reduced(expression: Any) -> Any:
-    """Return an expression shortened by sin^2 + cos^2 = 1."""
+    """Return an expression in the shortest form that expansion and sin^2 + cos^2 = 1 give."""
     expanded = expand(expression)
     waves = expanded.atoms(sin)
     ways = [

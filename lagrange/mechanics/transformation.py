@@ -39,15 +39,15 @@ from lagrange.statement.parameters import Survey, coordinate_name, in_own_parame
 from lagrange.statement.statement import Statement
 
 START_RESIDUAL = 1e-9
-"""Largest residual of the initial velocities in new coordinates, relative to the old velocities and to 1"""
+"""Largest error of old initial velocities computed from the new ones, relative to the largest old one, or to 1"""
 
 
 @dataclass(frozen=True, eq=False)
 class Transformation:
-    """A point transformation: each old coordinate in `replaced` is one of `expressions` in the `new` coordinates.
+    """A point transformation: the old coordinates `replaced` equal the `expressions` in the `new` coordinates.
 
-    The expressions may contain other coordinates, parameters and t. `positive` are the new coordinates that are
-    positive. `statement` is the statement in the old coordinates.
+    The expressions may also contain coordinates that are not replaced, parameters and t. `positive` are the new
+    coordinates that are positive. `statement` is the statement in the old coordinates.
     """
 
     statement: Statement
@@ -58,7 +58,7 @@ class Transformation:
 
     @cached_property
     def coordinates(self) -> tuple[Any, ...]:
-        """The coordinates of the new statement. The new ones are at the index of the first one that they replace."""
+        """All coordinates of the new statement: those that stay, and the new ones at the place of the replaced ones."""
         left = [q for q in self.statement.coordinates if q not in self.replaced]
         first = min(self.statement.coordinates.index(q) for q in self.replaced)
         before = [q for q in self.statement.coordinates[:first] if q in left]
@@ -66,7 +66,7 @@ class Transformation:
 
     @cached_property
     def plain(self) -> dict[Any, Any]:
-        """Mapping of the new coordinates, velocities and accelerations to plain symbols."""
+        """Mapping of coordinates of the new statement and their derivatives, as functions of time, to SymPy symbols."""
         table: dict[Any, Any] = {}
         for q in self.coordinates:
             name = name_of(q)
@@ -76,29 +76,29 @@ class Transformation:
         return table
 
     def back(self, expr: Any) -> Any:
-        """Return an expression with the user's functions of time in place of the plain symbols."""
+        """Return an expression with the user's functions of time in place of the symbols of `plain`."""
         return printable(expr).xreplace({symbol: leaf for leaf, symbol in self.plain.items()})
 
     @cached_property
     def old(self) -> tuple[Any, ...]:
-        """The old coordinates as expressions in plain symbols of the new ones."""
+        """The replaced coordinates, as expressions in the symbols of the new coordinates."""
         return tuple(differentiable(x.xreplace(self.plain)) for x in self.expressions)
 
     @cached_property
     def slopes(self) -> Any:
-        """Derivatives (m, n) of the old coordinates by all coordinates of the new statement."""
+        """Derivatives of the m replaced coordinates by all n coordinates of the new statement, a matrix (m, n)."""
         return sympy.Matrix([[x.diff(self.plain[q]) for q in self.coordinates] for x in self.old])
 
     @cached_property
     def table(self) -> dict[Any, Any]:
-        """Mapping of old coordinates and velocities to expressions in plain symbols of the new ones."""
+        """Mapping of old coordinates and velocities to expressions in the symbols of the new statement."""
         replacements = dict(self.plain)
         for q, x in zip(self.replaced, self.old, strict=True):
             replacements[q], replacements[velocity_of(q)] = x, time_derivative(x, self.plain)
         return replacements
 
     def put(self, expr: Any) -> Any:
-        """Return a stated expression rewritten in the new coordinates, with functions of time."""
+        """Return an expression of the old statement, rewritten in the new coordinates as functions of time."""
         if not expr.has(*self.replaced, *self.positive):
             return expr
         return self.back(simplest(printable(expr.xreplace(self.table))))
@@ -113,12 +113,12 @@ def transformed(
     initial: Mapping[Any, Any] | None,
     model: Model,
 ) -> Statement:
-    """Return the statement in new coordinates, tested against the `model` in old ones.
+    """Return the statement in new coordinates, after a test against `model`, the compiled model in old coordinates.
 
     `expressions` maps old coordinates to expressions in new ones. `positive` lists new coordinates that are positive.
     `parameters` has values for parameters that only the expressions contain. `initial` is the initial state in the new
-    coordinates; if None, it is computed from the stated one. Raises StatementError if the expressions are not a
-    transformation.
+    coordinates. If it is None, the state is computed from the old initial state. Raises StatementError if the
+    expressions are not a transformation.
     """
     change = _transformation(statement, expressions, positive)
     columns = [change.coordinates.index(q) for q in change.new]
@@ -150,10 +150,11 @@ def transformed(
 
 
 def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
-    """Return the initial state (q, v) in new coordinates that the transformation maps to the old one.
+    """Return the initial state (q, v) in new coordinates, which the transformation `change` maps to the old one.
 
-    If there are several, states with positive lengths are preferred, then the one with the smallest coordinates. Raises
-    StatementError if no such state is found, or if parameters have no values.
+    `statement` is the statement in new coordinates. Of several such states, those are preferred in which coordinates
+    other than angles are not negative, then the one with the smallest coordinates. Raises StatementError if no such
+    state is found, or if parameters have no values.
     """
     old, n = change.statement, len(statement.coordinates)
     rows = [old.coordinates.index(q) for q in change.replaced]
@@ -188,7 +189,7 @@ def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
     q = np.array(statement.initial[:n])
 
     def preference(end: FloatArray) -> tuple[int, float]:
-        """Return a sort key: positive lengths come first, then small values."""
+        """Return the sort key of a solution `end`: few negative values that are not angles, then small values."""
         negative = sum(x < -START_RESIDUAL for x, angle in zip(end, angles, strict=True) if not angle)
         return negative, round(float(np.abs(end).sum()), 9) - 1e-10 * float(end.sum() > 0)
 
@@ -200,10 +201,11 @@ def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
 def _start_velocities(
     change: Transformation, statement: Statement, rates: FloatArray, point: Mapping[Any, Any], example: str
 ) -> FloatArray:
-    """Return the initial velocities in new coordinates that the transformation maps to `rates`, the old velocities.
+    """Return the initial velocities in new coordinates, which the transformation maps to `rates`, the old velocities.
 
-    `point` has the values of the time, the parameters and the new coordinates. `example` is the remedy in messages.
-    Raises StatementError if there are no such velocities, because the new coordinates are singular.
+    `statement` is the statement in new coordinates. `point` has the values of the time, the parameters and the new
+    coordinates. `example` is the remedy in messages. Raises StatementError if there are no such velocities, because the
+    new coordinates are singular.
     """
     v = np.array(statement.initial[len(statement.coordinates) :])
     unknowns = [statement.coordinates.index(q) for q in change.new]
@@ -263,7 +265,7 @@ def _transformation(statement: Statement, expressions: Mapping[Any, Any], positi
 
 
 def _positive(positive: Any, new: Sequence[Any]) -> tuple[Any, ...]:
-    """Return the new coordinates that the user states to be positive."""
+    """Return those coordinates of `new` that the user lists as `positive`. Raises StatementError for other entries."""
     listed = entries(positive, "positive")
     chosen = []
     for key in [positive] if listed is None else listed:
@@ -277,7 +279,7 @@ def _positive(positive: Any, new: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def _forces(change: Transformation) -> dict[Any, Any]:
-    """Return the generalized forces on the new coordinates, which do the same virtual work."""
+    """Return {coordinate: generalized force} in new coordinates; these forces do the same virtual work as the old."""
     statement = change.statement
     read = read_with(statement, change.coordinates)
     pulls = {key: force.xreplace(change.table) for key, force in read.applied.items() if force != 0}
@@ -285,7 +287,7 @@ def _forces(change: Transformation) -> dict[Any, Any]:
     for q in dict.fromkeys((*change.coordinates, *pulls)):
         if q in change.replaced and q not in change.coordinates:
             continue
-        # If a new coordinate has the name of an old one, the old force acts on it only through the slopes.
+        # If a new coordinate has the name of an old one, the old force acts on it only by the derivatives dq/dx.
         terms = [pulls[q]] if q in pulls and q not in change.replaced else []
         if q in change.coordinates:
             slopes = change.slopes[:, change.coordinates.index(q)]
@@ -328,10 +330,10 @@ def _check(change: Transformation, statement: Statement, model: Model) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Routh:
-    """Routh's procedure: the formulas that remove ignored coordinates from a system, in plain symbols.
+    """Formulas of Routh's procedure, which removes ignorable coordinates from a system.
 
-    `form` is the statement in plain symbols. `indices` are the indices of the ignored coordinates. `symbols` are their
-    momenta, which are parameters of the smaller system.
+    `indices` are the indices of these ignored coordinates. `symbols` are their momenta, which are parameters of the
+    smaller system. `form` has the formulas of the whole system.
     """
 
     form: PlainForm
@@ -340,35 +342,35 @@ class Routh:
 
     @cached_property
     def gone(self) -> dict[Any, Any]:
-        """Mapping of the ignored coordinates to zero: no formula depends on them."""
+        """Mapping {ignored coordinate: 0}, to remove these coordinates from formulas that do not depend on them."""
         return {self.form.q[i]: sympy.S.Zero for i in self.indices}
 
     @cached_property
     def still(self) -> dict[Any, Any]:
-        """Mapping of the velocities of the ignored coordinates to zero."""
+        """Mapping {velocity of an ignored coordinate: 0}."""
         return {self.form.v[i]: sympy.S.Zero for i in self.indices}
 
     @cached_property
     def shifted(self) -> Any:
-        """The column p_I - b of the ignored coordinates: momenta minus their values at zero ignored velocities."""
+        """The column p - b for the ignored coordinates: their momenta p, less the momenta b while they are at rest."""
         rest = [self.form.momenta[i].xreplace(self.still | self.gone) for i in self.indices]
         return sympy.Matrix([p - b for p, b in zip(self.symbols, rest, strict=True)])
 
     @cached_property
     def inverted(self) -> tuple[Any, Any]:
-        """Adjugate and determinant of M_II, the mass matrix of the ignored coordinates."""
+        """Adjugate and determinant of the block of the mass matrix in the rows and columns of ignored coordinates."""
         adjugate, determinant = inverse(self.form, self.indices)
         return adjugate.xreplace(self.gone), determinant.xreplace(self.gone)
 
     @cached_property
     def rates(self) -> tuple[Any, ...]:
-        """The velocities of the ignored coordinates, as expressions in their momenta."""
+        """The velocities of the ignored coordinates, as expressions in their momenta and the rest of the state."""
         adjugate, determinant = self.inverted
         return tuple(simplest(x / determinant) for x in adjugate * self.shifted)
 
     @cached_property
     def routhian(self) -> tuple[Any, Any]:
-        """Routh's function R in two parts: the terms with velocities, and the effective potential."""
+        """Routh's function R = T - V as a pair (T, V): its terms with velocities, and the effective potential V."""
         at_rest = dict.fromkeys(self.form.v, sympy.S.Zero)
         mass = self.form.mass.extract(list(self.indices), list(self.indices)).xreplace(self.gone)
         half = half_square(mass, self.inverted, self.shifted)
@@ -379,7 +381,7 @@ class Routh:
 
 
 def routh_of(statement: Statement, ignored: Sequence[Any]) -> Routh:
-    """Return Routh's procedure that ignores the coordinates `ignored`.
+    """Return the formulas of Routh's procedure for the coordinates `ignored`, which are symbols or names.
 
     Raises StatementError if one of them is not ignorable, or if no coordinate would be left.
     """
@@ -408,7 +410,7 @@ def routh_of(statement: Statement, ignored: Sequence[Any]) -> Routh:
 def routhian(statement: Statement, ignored: Sequence[Any], model: Model) -> Statement:
     """Return the statement without the coordinates `ignored`, whose momenta become parameters.
 
-    The result is tested against `model`. Raises StatementError if a coordinate is not ignorable.
+    The result is tested against the `model` of the whole system. Raises StatementError if one is not ignorable.
     """
     routh = routh_of(statement, ignored)
     values = {symbol: routh.form.initial_momenta[i] for symbol, i in zip(routh.symbols, routh.indices, strict=True)}
@@ -423,10 +425,10 @@ def routhian(statement: Statement, ignored: Sequence[Any], model: Model) -> Stat
 
 
 def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, float | None]) -> Statement:
-    """Return the statement without ignored coordinates, by the formulas of Routh's procedure in `routh`.
+    """Return the statement without ignored coordinates, by the formulas `routh` of Routh's procedure.
 
-    The formulas belong to the statement itself, or to its form with small turns of bodies in place of quaternions.
-    `values` maps the symbols of the momenta to their initial values; a value is None if it is unknown.
+    The formulas describe rotations by quaternions, as the statement does, or by rates about the body axes. `values`
+    maps the symbols of the momenta to their initial values; a value is None if it is unknown.
     """
     form, indices = routh.form, routh.indices
     gone = [form.statement.coordinates[i] for i in indices]
@@ -510,14 +512,15 @@ def _check_routhian(routh: Routh, model: Model) -> None:
 MOST_PARTS = 64  # Largest number of parts into which an interval between outputs is divided for integration
 
 INTEGRAL_TOLERANCE = 1e-12
-"""Largest estimated error of an integral, relative to the largest change between two output times."""
+"""Largest estimated error of an ignored coordinate that is the integral of its velocity, relative to its largest change
+between two output times."""
 
 
 def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
-    """Return ignored coordinates and their velocities at the output times of a run of the Routhian.
+    """Return ignored coordinates and their velocities at the N output times of `solution`, a run of the Routhian.
 
     The result maps each of them to its values (N,). The coordinates start at the initial values of `statement`, the
-    system before reduction. Raises StatementError if `solution` is a run of another system.
+    whole system with these coordinates. Raises StatementError if `solution` is a run of another system.
     """
     small = getattr(getattr(solution, "model", None), "statement", None)
     missing = [] if small is None else [q for q in statement.coordinates if q not in small.coordinates]

@@ -1,1 +1,1 @@
-"""Grade a student's equations of motion: compare them with those of the system, and name the wrong term."""
+"""Grade a student's equations of motion: compare them with the correct ones, and name the wrong term."""

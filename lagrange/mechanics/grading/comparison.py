@@ -1,4 +1,4 @@
-"""Compare a user's equations of motion with those of a system, in every branch, and name the first wrong term."""
+"""Compare a student's equations of motion with the correct ones, in every branch, and name the first wrong term."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ DRAWS = 1000  # Random points drawn to reach further branches of conditions; mos
 MOST = 16  # Largest number of states added to cover other branches
 
 NEAREST = 8.0
-"""Largest number of leading digits that a drawn entry shares with a number in the equations. A branch that holds only
-between 3 and 3.0001 is then reached."""
+"""Largest number of leading digits in which a random coordinate, velocity or parameter agrees with a number in the
+equations. States between 3 and 3.0001 are then reached, where another branch of a condition may hold."""
 
 Way = tuple[Any, int]  # A switch (such as a condition or Abs) and one of its outcomes
 
@@ -50,11 +50,11 @@ Way = tuple[Any, int]  # A switch (such as a condition or Abs) and one of its ou
 def branch_samples(
     statement: Statement, rows: Sequence[EquationRow], known: Sequence[MotionSample]
 ) -> tuple[list[MotionSample], list[Way]]:
-    """Return (samples with new combinations of switch outcomes, outcomes that no sample reaches).
+    """Return (further samples at which other branches of formulas hold, branches that no sample reaches).
 
-    Switches are the conditions and corners in the statement and in the equations `rows`. `known` are earlier samples,
-    whose combinations are not new. Entries of a state are drawn from all magnitudes, and near the numbers in the
-    equations, energies and forces.
+    Branches are outcomes of switches: of conditions, Abs, sign, Min and Max in the statement and in the equations
+    `rows`. Each sample has another combination of outcomes than the others and the earlier samples, `known`. Random
+    states have entries of all magnitudes, and near the numbers in the equations, energies and forces.
     """
     states = MotionStates(statement)
     switches = [*states.reference.switches, *(switch for row in rows for switch in row.switches)]
@@ -83,9 +83,9 @@ def branch_samples(
 
 
 def _points(statement: Statement, rows: Sequence[EquationRow]) -> Iterator[SamplePoint]:
-    """Yield `DRAWS` points with entries of all magnitudes.
+    """Yield `DRAWS` random states with parameters, whose numbers have all magnitudes.
 
-    Half of the entries are near 1 or a number in the equations, energies and forces.
+    Half of the coordinates and velocities are near 1 or a number in the equations `rows`, the energies or the forces.
     """
     sampler, draw = Sampler(statement, 1), random.Random(1)
     expressions = [statement.lagrangian, *statement.forces, *(row.zero for row in rows)]
@@ -104,14 +104,14 @@ def _points(statement: Statement, rows: Sequence[EquationRow]) -> Iterator[Sampl
 
 
 def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[list[MotionSample]]:
-    """Return lists of the same samples with different multipliers, each of which an answer may mean.
+    """Return lists of the same samples with different multipliers, because an answer may define multipliers otherwise.
 
-    An answer may name, scale and sign its multipliers differently from the system. The first list has the multipliers
-    of the system. Each other list has multiples of these, which agree with the forces in one equation of the answer.
+    A multiplier of an answer may be a multiple of that of the system, or have the opposite sign. The first list has the
+    multipliers of the system. Each other list has multiples with which the forces in one equation are correct.
     """
 
     def multiples(row: EquationRow, sample: MotionSample) -> list[Any]:
-        """Return, for each multiplier, its value in an equation divided by its true value; None if undetermined."""
+        """Return the factor of each multiplier that makes its force in `row` the true one; None if undetermined."""
         n = len(sample.mass)
         slopes = row.numbers(sample)
         weights = solve_dense(sample.mass, slopes[:n], SINGULAR)
@@ -157,20 +157,20 @@ NEGATIVE = 0.5  # Cost of a negative force, such as a tension; the change of a s
 MOST_LISTED = 4  # Largest number of coordinates for which a message lists the whole state
 MOST_READ = 2  # Largest number of ambiguous equations whose interpretation a message shows; `.read` has all of them
 LONGEST_MESSAGE = 400  # Longest message, in characters. The rest goes to `.details`.
-NEGLIGIBLE = 1e-9  # Smaller numbers in a right equation are tried as zero: the comparison cannot see them
+NEGLIGIBLE = 1e-9  # Smaller numbers in a correct equation are tried as zero: the comparison cannot test them
 LONGEST_QUOTED = 120  # Longest constraint in a message, in characters
-SIGNED_SAMPLES = 16  # Number of random states in the search for signs, such as x > 0, where an answer is right
+SIGNED_SAMPLES = 16  # Number of random states in the search for conditions, such as x > 0, under which an answer holds
 SAMPLES = 5  # Number of random states that are always compared; at fewer a wrong equation may pass by chance
 
 
 @dataclass(frozen=True)
 class _Case:
-    """An answer to be compared: a row for each of its equations, the statement, and the derivation of the right ones.
+    """An answer to be compared: its equations `rows`, the statement of the system, and the correct equations.
 
-    For a system with rotations the `derivation` is of another statement, in rates of bodies. `write` turns an
-    expression into text for messages. `distances` are the names of coordinates that are positive in all samples.
-    `pulling` is true if multipliers were typed as forces such as T. `doubted` is true if an additional relation in the
-    answer does not hold; it is not among the rows.
+    `derivation` has the correct equations; for a system with rotations it is of another statement, in rates of bodies.
+    `write` turns an expression into text for messages. `distances` are the names of coordinates that are positive in
+    all samples. `pulling` is true if multipliers were typed as forces such as T. `doubted` is true if a remark in the
+    answer, such as a relation in equilibrium, does not hold; it is not among the rows.
     """
 
     rows: Sequence[EquationRow]
@@ -182,22 +182,22 @@ class _Case:
     doubted: bool
 
     def wrong(self, samples: Sequence[MotionSample]) -> tuple[int, ...]:
-        """Return the indices of the equations that fail at one of the samples."""
+        """Return the indices of the equations that fail at one or more of the samples."""
         return tuple(i for i, row in enumerate(self.rows) if not row.holds(samples))
 
     def is_unlikely(self, samples: Sequence[MotionSample]) -> bool:
-        """Return True if multipliers that were typed as forces have a negative sum over all samples."""
+        """Return True if the samples have unlikely multipliers: a negative sum, though they were typed as forces."""
         return self.pulling and bool(sum(sum(sample.multipliers) for sample in samples) < 0)
 
 
 @dataclass(frozen=True, repr=False)
 class EquationsComparison(ShownAsPage):
-    """Result of a comparison: true if the equations are those of the system. Else `message` names the first wrong term.
+    """Result of a comparison: true if the equations are correct. Else `message` names the first wrong term.
 
     `right` is the result as a bool. `counterexample` maps names to values: a state at which the first wrong equation
     fails, and the true accelerations. It is empty if no such state is known. `details` is the counterexample as a
-    sentence. `wrong` lists the indices of the wrong equations. `read` is the text of the equations as they were
-    understood, one per line, in the notation of scene files.
+    sentence. `wrong` lists the indices of the wrong equations in the answer. `read` is the text of the equations as
+    they were understood, one per line, in the notation of scene files.
     """
 
     right: bool
@@ -224,11 +224,11 @@ def compare_equations(
     write: Write,
     distances: Collection[str] = (),
 ) -> EquationsComparison:
-    """Return the comparison of a user's equations with the equations of motion of a statement.
+    """Return the result of comparing a student's equations with the equations of motion of a statement.
 
-    `derivation` has the right equations. `write` turns an expression into text for messages. `distances` are the names
-    of coordinates that are positive in the comparison. Raises StatementError if an equation is not linear in the
-    accelerations.
+    `derivation` has the correct equations. `write` turns an expression into text for messages. `distances` are the
+    names of coordinates that are positive in the comparison. If the equations do not hold, they are also compared for
+    positive distances such as a radius. Raises StatementError if an equation is not linear in the accelerations.
     """
     samples = motion_samples(statement, SAMPLES, positive=distances)
     likeliest = [_likeliest(equation, statement, samples) for equation in equations]
@@ -255,9 +255,9 @@ def compare_equations(
 def _with_remarks(
     result: EquationsComparison, equations: Sequence[StudentEquation], letters: Mapping[Any, Any]
 ) -> EquationsComparison:
-    """Return a result with remarks on how its equations were read, and with their indices in the answer.
+    """Return a result with remarks on how its equations were read, and with their indices in the whole answer.
 
-    `letters` maps multipliers to the letters that were typed for them. If the message gets too long, it is moved to
+    `letters` maps multipliers to the letters that were typed for them. A message that gets too long is moved to
     `.details`.
     """
     reported = [equations[i] for i in result.wrong] or equations
@@ -280,10 +280,10 @@ def _with_remarks(
 
 
 def _likeliest(equation: StudentEquation, statement: Statement, samples: Sequence[MotionSample]) -> EquationRow:
-    """Return the likeliest reading of an equation as a row: the first one that holds at all samples, else the first.
+    """Return the likeliest reading of an ambiguous equation: the first one that holds at all samples, else the first.
 
-    A reading may hold only after exact numbers replace its decimals. Then `note` has a sentence on these numbers. A
-    reading that is not linear in the accelerations is skipped. Raises StatementError if no reading is linear.
+    A reading may hold only after exact numbers replace its decimals, or after differentiation. Then `note` says so in a
+    sentence. A reading that is not linear in accelerations is skipped. Raises StatementError if no reading is linear.
     """
     rows, refused = list[EquationRow](), list[StatementError]()
     for reading in (equation, *equation.others):
@@ -298,7 +298,7 @@ def _likeliest(equation: StudentEquation, statement: Statement, samples: Sequenc
     for row in rows:
         moving = [*list(statement.plain.values())[1::3], *row.slopes]
         if {constraint.holonomic for constraint in statement.constraints} == {False} and not row.zero.has(*moving):
-            # The constraint x' = R phi' may be answered as x = R phi, which is right up to a constant.
+            # A student may type the constraint x' = R phi' as x = R phi, which is correct up to a constant.
             note = f"{capitalized(row.equation.label)} is right up to a constant."
             zero = time_derivative(row.zero, statement.plain)
             rate = row_of(replace(row.equation, zero=zero, right=sympy.S.Zero, note=note), statement)
@@ -313,12 +313,12 @@ def _likeliest(equation: StudentEquation, statement: Statement, samples: Sequenc
 
 
 def _compared(case: _Case, samples: Sequence[MotionSample], untried: Sequence[Way]) -> EquationsComparison:
-    """Return the result for an answer at `samples`; `untried` lists outcomes of switches that no sample has."""
+    """Return the result for an answer at `samples`; `untried` has branches (switch, outcome) that no sample reaches."""
     rows, statement = case.rows, case.statement
     choices = with_multiples(rows, samples)
     negated = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
     count, slopes = len(statement.names), [list(row.slopes.values()) for row in rows]
-    # The sign of the multipliers is free unless an equation contains both multipliers and accelerations.
+    # An answer may choose the sign of multipliers unless an equation has both multipliers and accelerations.
     free = not any(any(line[:count]) and any(line[count:]) for line in slopes)
     if statement.constraints and free and not case.is_unlikely(negated):
         choices.append(negated)
@@ -343,11 +343,11 @@ def _compared(case: _Case, samples: Sequence[MotionSample], untried: Sequence[Wa
 
 
 def _judged_wrong(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> EquationsComparison:
-    """Return the result for equations that do not all hold for any of the `choices` of samples.
+    """Return the result for a wrong answer, with the likeliest cause in its message.
 
-    The choices differ in the multipliers. The cause is, in this order: numbers in place of parameters, a common slip, a
-    wrong definition, a slip of factors or directions, or a wrong term. If the slip explains more than the wrong term
-    does, the term goes to the details. Else the message has both.
+    `choices` are lists of the same samples with different multipliers. The causes are, in this order, numbers in place
+    of parameters, a common slip, a wrong definition, a slip of factors or directions, or a wrong term. If a slip
+    explains more than the wrong term, the term goes to the details. Else the message has both.
     """
     numbers = _numbers_in_place(case)
     if numbers:
@@ -380,8 +380,8 @@ def _judged_wrong(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> Equ
 def _distances(derivation: Derivation) -> list[str]:
     """Return the names of the coordinates that are distances, which an answer may assume to be positive.
 
-    A distance r occurs in the right equations as abs(r) or sign(r). Where it is zero, a row of the mass matrix that
-    belongs to another coordinate is zero. An example is the radius of polar coordinates.
+    An example is the radius of polar coordinates. A distance r occurs in the correct equations as abs(r) or sign(r).
+    Where it is zero, a row of the mass matrix that belongs to another coordinate is zero.
     """
     plain, names, distances = derivation.statement.plain, derivation.statement.names, list[str]()
     with suppress(StatementError):
@@ -393,7 +393,7 @@ def _distances(derivation: Derivation) -> list[str]:
 
 
 def _kinks(derivation: Derivation) -> list[Any]:
-    """Return the expressions x with abs(x) or sign(x) in the right equations, in plain symbols.
+    """Return the expressions x for which abs(x) or sign(x) is in the correct equations.
 
     Raises StatementError if the equations are too large to be written out.
     """
@@ -403,9 +403,9 @@ def _kinks(derivation: Derivation) -> list[Any]:
 
 
 def _condition(case: _Case) -> str:
-    """Return the condition under which wrong equations are right, such as "x > 0"; "" if there is none.
+    """Return the condition under which a wrong answer is correct, such as "x > 0"; "" if there is none.
 
-    The condition is on the signs of expressions x for which abs(x) or sign(x) is in the right equations.
+    The condition is on the signs of expressions x for which abs(x) or sign(x) is in the correct equations.
     """
     statement = case.statement
     try:
@@ -427,7 +427,7 @@ def _condition(case: _Case) -> str:
 def _numbers_in_place(case: _Case) -> str:
     """Return the values that an answer has in place of parameters, as a text such as "m = 1 and k = 30".
 
-    The result is "" if the answer is not right with these values of the parameters. It is also "" if all values are 0
+    The result is "" if the answer is wrong for these values of the parameters, too. It is also "" if all values are 0
     or 1, because then a term or factor was probably forgotten.
     """
     absent = {p: x for p, x in case.statement.defaults.items() if not any(row.zero.has(p) for row in case.rows)}
@@ -439,16 +439,16 @@ def _numbers_in_place(case: _Case) -> str:
 
     if not absent or not right(absent):
         return ""
-    for p in list(absent):  # a parameter that cancels, such as the mass of a pendulum, need not have its value
+    for p in list(absent):  # the value of a parameter that cancels, such as a pendulum's mass, is not in the answer
         fewer = {other: x for other, x in absent.items() if other != p}
         absent = fewer if right(fewer) else absent
     return listing(f"{p.name} = {x:.6g}" for p, x in absent.items()) if {*absent.values()} - {0, 1} else ""
 
 
 def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
-    """Return a sentence on a tiny number that makes no difference in a right equation, or "".
+    """Return a sentence on a tiny number that makes no difference in a correct equation, or "" if there is none.
 
-    The equation also holds with zero in place of the number, so the number was not tested.
+    The equation also holds with zero in place of the number, so the comparison cannot test the number.
     """
     for row in rows:
         for number in sorted(row.zero.atoms(sympy.Number), key=str):
@@ -460,10 +460,11 @@ def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
 
 
 def _blamed(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> tuple[tuple[int, ...], WrongTerm]:
-    """Return the indices of the wrong equations and the first wrong term, for the likeliest multipliers.
+    """Return (indices of the wrong equations, wrong term of the first one) for the likeliest multipliers.
 
-    Of the `choices` of samples, those with the fewest wrong equations are compared, and the one with the cheapest
-    change is taken. If multipliers were typed as forces such as T, negative ones are less likely.
+    `choices` are lists of the same samples with different multipliers. Of those with the fewest wrong equations, the
+    one with the likeliest correction is taken. If multipliers were typed as forces such as T, negative ones are less
+    likely.
     """
     wrong_by_choice = [case.wrong(chosen) for chosen in choices]
     fewest = min(len(wrong) for wrong in wrong_by_choice if wrong)
@@ -482,11 +483,11 @@ def _blamed(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> tuple[tup
 
 
 def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, doubted: bool) -> str:
-    """Return the end of a message on motions that right equations leave undetermined, or on missing constraints, or "".
+    """Return the end of a message on equations that are missing in an answer without wrong ones, or "".
 
-    An equation without accelerations is replaced by its first or second time derivative. The length of a quaternion
-    needs no equation. Constraints are part of the statement and need not be repeated. They are required only if the
-    answer is `doubted`: if an additional relation in it, such as a wrong constraint, does not hold.
+    Equations are missing if some accelerations are not determined. An equation without accelerations is replaced by its
+    first or second time derivative. The length of a quaternion needs no equation. Constraints are part of the statement
+    and need not be repeated, unless the answer is `doubted`: a remark in it, such as a constraint, does not hold.
     """
     statement = rows[0].statement
     names = [rotation_name(q) or name_of(q) for q in statement.coordinates]
@@ -533,7 +534,7 @@ def _rank(matrix: Sequence[Sequence[float]]) -> tuple[int, Any]:
 
 
 def _free(matrix: Sequence[Sequence[float]], names: Sequence[str]) -> list[str]:
-    """Return the names of coordinates and rotations whose accelerations the rows of a matrix do not determine."""
+    """Return those of `names` whose accelerations are not determined by linear equations with coefficients `matrix`."""
     rank, directions = _rank(matrix)
     sizes = np.abs(directions[rank:, : len(names)]).max(axis=0, initial=0.0)
     return list(dict.fromkeys(name for name, size in zip(names, sizes, strict=True) if size > 1e-8))
@@ -544,7 +545,7 @@ def _refuted(
 ) -> EquationsComparison:
     """Return the result for an answer in which the equations with the indices `wrong` do not hold.
 
-    `named` is the message that names the fault.
+    `named` is the message on the cause. The counterexample is the first sample at which the first wrong equation fails.
     """
     row, names, example, details = rows[wrong[0]], rows[0].statement.names, dict[str, float](), ""
     accelerations = [f"{name}_ddot" for name in names]

@@ -22,23 +22,23 @@ from lagrange.statement.statement import Statement
 DIGITS = 60  # Decimal digits of the velocities: more than the accelerations have
 
 LEFT = 1e-40
-"""Largest residual of a satisfied relation that is linear in the velocities, relative to its terms. It is the rounding
-error of 60 digits."""
+"""Largest residual of a first-order equation of motion after one Newton step for the velocities, relative to its terms,
+if the equation is linear in them. It allows for rounding of numbers with 60 digits."""
 
 SINGULAR = 1e-12
-"""Pivot of elimination, relative to its row, below which a matrix of relations or masses counts as singular"""
+"""Pivot of elimination, relative to its row, below which a matrix, such as a mass matrix, counts as singular"""
 LEAST = 1e-9  # Smallest magnitude of a non-zero coordinate or velocity, since difference steps are proportional to it
 ROUND_OFF = 1e-14
-"""Entries of a state on the constraints below this magnitude are set to zero: they are rounding errors"""
+"""Largest coordinate or velocity that is set to zero, as a rounding error, in a state moved onto the constraints"""
 ATTEMPTS = 120  # Largest number of random draws in the search for states
 
 
 @dataclass(frozen=True)
 class MotionSample:
-    """A state on the constraints, with the accelerations (n,), multipliers (m,), mass matrix and constraint gradients.
+    """A state on the constraints, `point`, with the true `accelerations` (n,) and `multipliers` (m,) of the system.
 
-    `mass` and `gradient` are tuples of rows, `gradient` with a row for each constraint. `first_order` are the indices
-    of coordinates without inertia, whose equations of motion are of first order.
+    `mass` is the mass matrix and `gradient` the gradients of the m constraints, both as tuples of rows. `first_order`
+    are the indices of coordinates without inertia, whose equations of motion are of first order.
     """
 
     point: SamplePoint
@@ -57,11 +57,11 @@ def motion_samples(
     positive: Collection[str] = (),
     values: Mapping[Any, float] = MappingProxyType({}),
 ) -> list[MotionSample]:
-    """Return `count` states at which the statement determines the motion; equal seeds give equal states.
+    """Return `count` random states with the true accelerations; equal seeds give equal states.
 
-    Most parameters and states are of order one, so that no term is negligible. The coordinates with names in `positive`
-    are positive, and the parameters in `values` have these values. Raises StatementError if not enough states are
-    found.
+    Most parameters, coordinates and velocities are of order one, so that no term of an equation is negligible. The
+    coordinates with names in `positive` are positive, and the parameters in `values` have these values. Raises
+    StatementError if not enough states are found at which the accelerations are determined.
     """
     sampler, states = Sampler(statement, seed), MotionStates(statement)
     _, order_one, _, near, _ = SAMPLE_KINDS
@@ -85,7 +85,7 @@ def motion_samples(
 
 
 class MotionStates:
-    """Finds states that satisfy the constraints and first-order equations of a statement; computes accelerations.
+    """Finds states that satisfy the constraints and first-order equations of a statement, and their accelerations.
 
     A first-order equation belongs to a coordinate without inertia, and is a relation between velocities. `indices` are
     the indices of these coordinates, except those that occur in a constraint.

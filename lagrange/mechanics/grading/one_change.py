@@ -1,11 +1,11 @@
-"""Find the single change of one term, such as its sign or factor, that makes a wrong equation right.
+"""Find the single change of one term, such as its sign or factor, that corrects a wrong equation.
 
-The change may also be a missing term, or a term too many. It is found from values along the true motion.
+The change may also add or remove a term. It is found from values at random states, with the true accelerations.
 
-Every sum of the equation is tried: both sides, brackets and denominators. At each sample the residual determines by how
-much the sum has to change. If this change is the same small fraction of one term at all samples, or the fraction times
-a few powers of symbols, the term is wrong. The equations of motion, the constraints, the multipliers and the rates of
-rotations enter as numbers only, so all kinds of systems are treated alike.
+Every sum in the equation is tried: both sides, brackets and denominators. At each state the difference of the two sides
+determines by how much the sum has to change. If this change is the same simple fraction of one term at all states, or
+the fraction times a few powers of symbols, the term is wrong. The equations of motion, the constraints, the multipliers
+and the rates of rotations enter as numbers only, so all kinds of systems are treated alike.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from lagrange.statement.coordinate import constraint_of
 
 MOST_FACTORS = 26  # Largest number of factors whose powers a change may contain: 26 make 6,000 pairs of powers
 MOST_TRIPLED = 12  # Largest number of factors of which products of three are tried: 12 make 1,800 products
-MOST_MODELS = 120  # Largest number of right terms that a missing or replaced term may be a multiple of
+MOST_MODELS = 120  # Largest number of correct terms of which a missing or replaced term may be a multiple
 LONGEST = 600  # Largest number of operations of an equation whose terms are changed
 
 LONGEST_EXPANDED = 80
-"""Largest number of operations of a corrected term that is expanded to find it among the right terms"""
+"""Largest number of operations of a corrected term that is expanded to look for it among terms of correct equations"""
 CLOSE = 1e-9  # Largest difference of two logarithms that count as equal; rounding is about 1e-14
 NONE = 1e-20  # A sum below this fraction of its terms counts as zero: the accelerations have about 30 digits
 # Costs of changes: of a sign, of a factor 2 or 1/2, of another number, of an extra, a missing and a replaced term.
@@ -53,7 +53,7 @@ NONE = 1e-20  # A sum below this fraction of its terms counts as zero: the accel
 SIGN, DOUBLED, FRACTION, LEFT_OUT, MISSED, REPLACED = 1.0, 1.1, 1.3, 1.4, 1.6, 2.4
 # Costs of a sine in place of a cosine, of one power, and of a sum or an unknown in a factor
 SWAPPED, POWER, OF_FACTOR = 0.2, 0.35, 1.2
-OF_NUMBER = 0.3  # Added cost of a change after which the equation is a right one times a number such as 3
+OF_NUMBER = 0.3  # Added cost of a change after which the equation is a correct one times a number such as 3
 
 OF_DERIVATIVE = 1.5  # Added cost of changing a single term of a typed d/dt(...)
 # Added costs of a change of a whole sum, of a term with an acceleration, and of a left side that is an acceleration
@@ -61,14 +61,14 @@ OF_SIDE, OF_RATE, OF_SOLVED = 0.45, 0.15, 5.0
 DENOMINATOR = 0.1  # Added cost of a change in a denominator
 # Added costs of an acceleration and of a multiplier that the equation does not have elsewhere
 NEW_RATE, NEW_FORCE = 1.0, 0.5
-# Reductions of the cost if the corrected term is a right one: without a multiplier, with one, with the opposite sign
+# Changes of the cost if a correct equation has the new term: without a multiplier, with one, with the opposite sign
 NATURAL, FORCE, TURNED = -0.3, -0.28, -0.1
 NUMBERED = 0.05  # Added cost of a corrected term with a number
 
 
 @dataclass(frozen=True)
 class Sum:
-    """A sum in an equation, the expression `whole`, and its place in the equation.
+    """A sum in a typed equation, as the expression `whole`, and its place in the equation.
 
     `side` is 0 for the left side and 1 for the right side. `path` has the indices of SymPy arguments that lead to the
     sum. `around` is the product of the factors that multiply the sum. `below` is true if the sum is in a denominator.
@@ -85,7 +85,7 @@ class Sum:
 
 @dataclass(frozen=True)
 class Change:
-    """A change of the sum `total` that makes the equation right; a change with a lower `cost` is likelier.
+    """A change of a sum in an equation, `total`, that makes the equation correct. A lower `cost` is a likelier mistake.
 
     `difference` is the change of one term of the sum, or of the whole sum. `row` is the equation after the change.
     """
@@ -99,10 +99,10 @@ class Change:
 def one_change(
     row: EquationRow, samples: Sequence[MotionSample], models: Sequence[Any], denominators: Sequence[Any]
 ) -> Change | None:
-    """Return the cheapest change of one term after which an equation holds at all samples, or None.
+    """Return the likeliest change of one term after which a typed equation holds at all samples, or None.
 
-    `models` are terms of the right equations, in plain symbols: a missing or a replaced term may be a multiple of one.
-    `denominators` are the denominators of the accelerations.
+    `models` are terms of correct equations; a missing or wrong term may be a multiple of one. `denominators` are the
+    denominators of the correct formulas for accelerations.
     """
     if sum(side.count_ops() for side in row.sides) > LONGEST:
         return None
@@ -126,8 +126,8 @@ def one_change(
 def evaluated(expressions: Sequence[Any], row: EquationRow, samples: Sequence[MotionSample]) -> list[Numbers]:
     """Return the values of expressions at the samples, with the true values of accelerations and multipliers.
 
-    The result has one list for each expression. `row` is the equation with the definitions that the expressions may
-    contain. Raises OutsideDomain if an expression has no value, and BudgetSpent if the time is up.
+    The result has one list for each expression. Symbols that the answer defines have their values in the equation
+    `row`. Raises OutsideDomain if an expression has no value, and BudgetSpent if the time is up.
     """
     check_budget()
     unknowns = unknowns_of(row.statement)
@@ -145,12 +145,12 @@ def evaluated(expressions: Sequence[Any], row: EquationRow, samples: Sequence[Mo
 
 
 def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) -> bool:
-    """Return True if the equation `corrected` is trivial, as x'' = x'', or has no accelerations although `row` has.
+    """Return True if an equation after a change, `corrected`, is trivial, such as x'' = x''.
 
-    The result is also True if coefficients of either equation have no value at the sample.
+    The result is also True if only the typed equation `row` has accelerations, or if coefficients have no value.
     """
     if not any(row.slopes.values()):
-        # Without constraints, what holds at all states and has no acceleration is an identity.
+        # Without constraints, an equation that holds at all states and has no acceleration is an identity.
         free = not (row.statement.constraints or sample.first_order or any(corrected.slopes.values()))
         return bool(free or sympy.expand(corrected.zero) == 0)
     with suppress(OutsideDomain):
@@ -160,9 +160,10 @@ def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) ->
 
 
 def _sums(side: int, expression: Any, typed: Sequence[Any]) -> Iterator[Sum]:
-    """Yield the sums of a side: the side itself, and the sums in its products, reciprocals and brackets.
+    """Yield the sums in one side of an equation: the side itself, and the sums in its products and denominators.
 
-    `typed` are terms of the side as they were typed, in which like terms are not combined.
+    `expression` is this side, the left one if `side` is 0, the right one if it is 1. `typed` are its terms before like
+    terms were combined; () if nothing was combined.
     """
     terms = sympy.Add.make_args(expression)
     if typed:
@@ -184,7 +185,7 @@ def _sums(side: int, expression: Any, typed: Sequence[Any]) -> Iterator[Sum]:
 
 
 def _with(expression: Any, path: Sequence[int], part: Any) -> Any:
-    """Return an expression with `part` in place of one part; `path` are the argument indices that lead to this part."""
+    """Return an expression with `part` at one place; `path` has the indices of SymPy arguments that lead to it."""
     if not path:
         return part
     first, *rest = path
@@ -194,7 +195,7 @@ def _with(expression: Any, path: Sequence[int], part: Any) -> Any:
 
 
 class _Search:
-    """Search for the right change of one term, by the values of terms and candidate factors at all samples."""
+    """Search for changes of one term that correct an equation, by values of terms and factors at sampled states."""
 
     def __init__(
         self, row: EquationRow, samples: Sequence[MotionSample], models: Sequence[Any], denominators: Sequence[Any]
@@ -219,8 +220,8 @@ class _Search:
         derived = {term for rate in rates for term in sympy.Add.make_args(rate)}
         self.derived = {sign * term for term in derived for sign in (1, -1)}.difference(*typed)
 
-        # The right terms, and among them the models of a missing term. An equation without rates, such as a constraint,
-        # misses no term with rates.
+        # The terms of correct equations, and among them those of which a missing term may be a multiple. An equation
+        # without velocities, such as a constraint, misses no term with velocities or accelerations.
         self.right = {sympy.Add(*expanded(term)) for term in models}
         self.below = {base for term in models for base in _sums_below(term)}
         moving = [*self.unknowns, *velocities]
@@ -234,13 +235,13 @@ class _Search:
         self.base_values, self.model_values = self.values(self.bases), self.values(self.models)
 
     def values(self, expressions: Sequence[Any]) -> list[Numbers]:
-        """Return the values of expressions at the samples. Raises OutsideDomain if an expression has no value."""
+        """Return the values of expressions at all sampled states, a list each. Raises OutsideDomain without a value."""
         return evaluated(expressions, self.row, self.samples)
 
     def _candidates(self, terms: Sequence[Any]) -> list[Any]:
-        """Return candidates for wrong factors: the bases of the factors in `terms`, in the order of the terms.
+        """Return the expressions whose powers may be missing or wrong factors: bases of the factors in `terms`.
 
-        A sine comes with its cosine. If there are few candidates, all parameters are among them.
+        They are in the order of the terms. A sine comes with its cosine. If they are few, all parameters are added.
         """
         candidates: dict[Any, None] = {}
         for base in (base for term in terms for base in _bases(term)):
@@ -254,10 +255,10 @@ class _Search:
 
     @cached_property
     def products(self) -> tuple[list[tuple[tuple[int, int], ...]], Any, list[float]]:
-        """Products of powers of candidate factors, as (keys, table, costs) with an entry for each product.
+        """Products of powers of one to three candidate factors, as (keys, table, costs) with an entry for each product.
 
         A key is ((index of a factor, exponent), ...). A row of the table has the logarithms of the product's magnitudes
-        at the samples, minus their mean.
+        at the sampled states, minus their mean. A product with a lower cost is a likelier mistake.
         """
         values = self.base_values
         usable = [i for i, line in enumerate(values) if all(line)]
@@ -273,7 +274,7 @@ class _Search:
         return keys, table, [self._price(key) for key in keys]
 
     def _price(self, key: Sequence[tuple[int, int]]) -> float:
-        """Return the cost of a product of powers; `key` has a pair (index of a factor, exponent) for each power."""
+        """Return the cost of a product of powers; `key` has (index of a candidate factor, exponent) for each power."""
         bases = [self.bases[i] for i, _ in key]
         if len(key) == 2 and {e for _, e in key} == {1, -1}:  # one factor in place of another
             kinds = {type(base) for base in bases}
@@ -287,10 +288,10 @@ class _Search:
         return POWER * sum(abs(e) for _, e in key) + OF_FACTOR * len(unlikely)
 
     def multiples(self, values: Numbers) -> Iterator[tuple[float, Any, Any]]:
-        """Yield triples (cost, c, product of powers): the rational c times the product equals `values` at all samples.
+        """Yield (cost, c, product of powers), where the rational number c times the product has the given values.
 
-        `values` has one number for each sample; nothing is yielded if one of them is zero. At most 20 products are
-        tried.
+        `values` has one number for each sampled state. Nothing is yielded if one of them is zero. At most 20 products
+        are tried.
         """
         if not all(values):
             return
@@ -304,16 +305,16 @@ class _Search:
                 yield prices[i], sympy.Rational(number), sympy.Mul(*(self.bases[k] ** e for k, e in keys[i]))
 
     def choices(self) -> Iterator[tuple[float, Sum, Difference]]:
-        """Yield (cost, sum, difference) for all changes of one term."""
+        """Yield (cost, sum, difference) for all changes of one term of a sum that correct the equation."""
         for total, changes in self._changes():
             below = DENOMINATOR if total.below else 0.0
             for cost, difference in chain(self._changed_terms(total, changes), self._missing_terms(total, changes)):
                 yield cost + below + self._cost_of_right(total, difference.right), total, difference
 
     def _changed_terms(self, total: Sum, changes: Numbers) -> Iterator[tuple[float, Difference]]:
-        """Yield (cost, difference) for changes of one term of a sum, or of the whole sum.
+        """Yield (cost, difference) for changes of one term of the sum `total`, or of the whole sum.
 
-        `changes` are the necessary changes of the sum at the samples.
+        `changes` are the amounts by which the sum has to change at the sampled states.
         """
         parts = [(term, False) for term in total.terms]  # pairs (expression, True for the whole sum)
         if len(parts) > 1:
@@ -328,7 +329,7 @@ class _Search:
                     yield cost + cost_of_part, difference
 
     def _missing_terms(self, total: Sum, changes: Numbers) -> Iterator[tuple[float, Difference]]:
-        """Yield (cost, difference) for terms that are missing in a sum; `changes` are their values at the samples."""
+        """Yield (cost, difference) for missing terms of a sum, whose values at the sampled states are `changes`."""
         has_unknowns = total.whole.has(*self.unknowns)
         for cost, term in self._among_models(changes):
             if total.path and term.has(*self.unknowns) and not has_unknowns:
@@ -337,7 +338,7 @@ class _Search:
             yield cost, Difference("missing", sympy.S.Zero, term)
 
     def _cost_of_right(self, total: Sum, right: Any) -> float:
-        """Return the added cost of `right` as a term of the sum `total`; likeness to a right term lowers the cost."""
+        """Return the cost to add if `right` is the new term of the sum `total`; terms of correct equations lower it."""
         term = (right * total.around).xreplace(dict(self.row.equation.meanings))
         signed = term if total.side == self.rate_side else -term
         if term.count_ops() <= LONGEST_EXPANDED and self.below >= _sums_below(signed):
@@ -351,11 +352,11 @@ class _Search:
         return cost + (NATURAL if signed in self.right else TURNED)
 
     def _changes(self) -> Iterator[tuple[Sum, Numbers]]:
-        """Yield each sum whose change can make the equation right, with the necessary change at each sample.
+        """Yield each sum whose change can make the equation correct, with the necessary change at each sampled state.
 
-        A whole side changes by the residual. As a function of any other sum, the residual is a quotient of two linear
-        functions. Its values for the sum itself, twice and four times the sum determine it. Decimals times powers of
-        two are exact.
+        A whole side changes by the residual, left minus right side. As a function of any other sum, the residual is a
+        quotient of two linear functions. Its values for the sum itself, twice and four times the sum determine this
+        function. Decimals times powers of two are exact.
         """
         left, right = self.row.sides
         zeros = [left - right]
@@ -378,9 +379,10 @@ class _Search:
                 yield total, [step * value for step, value in zip(steps, whole, strict=True)]
 
     def _of_term(self, term: Any, value: Numbers, changes: Numbers) -> Iterator[tuple[float, Difference]]:
-        """Yield (cost, difference) for replacements of a term that change its value at the samples by `changes`.
+        """Yield (cost, difference) for corrections of a term that change its value by `changes`.
 
-        `value` are the values of the term at the samples.
+        `value` are its values at the sampled states. A correction is zero, the term times a number and powers, or a
+        multiple of a term of a correct equation.
         """
         required = [a + b for a, b in zip(value, changes, strict=True)]
         if max(map(abs, required)) <= NONE * max(map(abs, value)):
@@ -406,16 +408,17 @@ class _Search:
             yield cost + REPLACED - MISSED, Difference("wrong", term, right)
 
     def _among_models(self, values: Numbers) -> Iterator[tuple[float, Any]]:
-        """Yield (cost, term) if a correct term times a number and powers of factors equals `values` at all samples."""
+        """Yield (cost, term) for multiples of terms of correct equations with these `values` at the sampled states."""
         for model, line in zip(self.models, self.model_values, strict=True):
             for cost, number, factor in self._quotients(values, line):
                 plain = 0 if abs(number) == 1 else 0.3
                 yield MISSED + cost + plain, number * model * factor
 
     def _quotients(self, values: Numbers, divisors: Numbers) -> Iterator[tuple[float, Any, Any]]:
-        """Yield (cost, number, product of powers) if number times product times the divisors has the given values.
+        """Yield (cost, number, product of powers), where number times product is values/divisors.
 
-        Where divisors are zero, as on one side of a switch, the values must be zero. Only numbers are tried then.
+        Both lists have a number for each sampled state. Where divisors are zero, as on one side of a switch, the values
+        must be zero, and only numbers are tried.
         """
         ratios = [x / y for x, y in zip(values, divisors, strict=True) if y]
         if len(ratios) == len(values):
@@ -426,9 +429,9 @@ class _Search:
                 yield 0.0, sympy.Rational(number), sympy.S.One
 
     def _cost_of_typed(self, total: Sum, term: Any) -> float:
-        """Return the additional cost of a change of `term` in the sum `total`, by its place in the equation.
+        """Return the cost that is added for a change of `term` in the sum `total`, by its place in the equation.
 
-        Terms of a typed derivative, and a lone acceleration on one side, are unlikely to be wrong.
+        Terms of a typed d/dt(...), and an acceleration that is alone on one side, are unlikely to be wrong.
         """
         if term in self.derived:
             return OF_DERIVATIVE
@@ -441,9 +444,10 @@ class _Search:
         return OF_RATE if term.has(*self.moving) else 0.0
 
     def _cost_of_side(self, total: Sum, missing: Any) -> float:
-        """Return the additional cost of adding the term `missing` to the sum `total`, by its side of the equation.
+        """Return the cost that is added if `missing` is a missing term of the sum `total`, by its side of the equation.
 
-        A term that is unlikely on this side costs more. The additional cost is zero within brackets.
+        It is zero within brackets. Terms with accelerations may be on one side, and the others on the other side. Then
+        it is zero for the side of terms like this one. It is high for a side that is zero.
         """
         containing, opposite = self.row.sides[total.side], self.row.sides[1 - total.side]
         if total.path:
@@ -462,7 +466,7 @@ class _Search:
         return OF_RATE * (1 + total.side) / 2
 
     def has_unlikely_factor(self, row: EquationRow) -> bool:
-        """Return True if the equation `row` is a right equation times an unlikely factor, such as 3 m.
+        """Return True if the equation `row` is a correct equation times an unlikely factor, such as 3 m.
 
         Only the coefficients of accelerations are compared. A factor is likely if it is a product of symbols, without a
         number other than 1 or -1.
@@ -485,7 +489,7 @@ class _Search:
         return False
 
     def corrected(self, total: Sum, difference: Difference) -> EquationRow | None:
-        """Return the equation after a change, or None if the result is not linear in the unknowns."""
+        """Return the equation with the sum `total` changed by `difference`, or None if not linear in accelerations."""
         sides = list(self.row.sides)
         rest = 0 if difference.typed == total.whole else total.whole - difference.typed
         sides[total.side] = _with(sides[total.side], total.path, rest + difference.right)
@@ -501,13 +505,13 @@ def _bases(term: Any) -> list[Any]:
 
 
 def _sums_below(term: Any) -> set[Any]:
-    """Return the sums that are factors in the denominator of a product."""
+    """Return the sums that are factors in the denominator of a product, such as a + b for x/(a + b)**2."""
     powers = (factor for factor in sympy.Mul.make_args(term) if factor.is_Pow and factor.base.is_Add)
     return {power.base for power in powers if power.exp.is_negative}
 
 
 def _root(first: Any, second: Any, third: Any) -> Any:
-    """Return the zero x of (a + b*x)/(1 + d*x), given its values at x = 0, 1 and 3; None if it has none."""
+    """Return the zero x of f = (a + b*x)/(1 + d*x), or None; `first`, `second`, `third` are f at x = 0, 1 and 3."""
     if abs(third - second) <= NONE * (abs(third) + abs(second)):
         return None
     d = (3 * second - 2 * first - third) / (3 * (third - second))
@@ -516,7 +520,7 @@ def _root(first: Any, second: Any, third: Any) -> Any:
 
 
 def _centred(values: Numbers) -> Any:
-    """Return the logarithms of the magnitudes of values, minus their mean."""
+    """Return the logarithms of the magnitudes of values, minus their mean: the same for values times a constant."""
     with np.errstate(all="ignore"):
         logs = np.log(np.array([abs(float(x)) for x in values]))
         return logs - logs.mean()

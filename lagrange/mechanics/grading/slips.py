@@ -1,7 +1,7 @@
 """Find one slip that explains all wrong equations of an answer, and numbers typed in place of exact ones or symbols.
 
-Slips are a sign, a factor 2 or 1/2 of a symbol everywhere, degrees, small angles, or a wrong definition. Numbers are
-decimals rounded from exact numbers, and values of parameters.
+Slips are a wrong sign or factor 2 or 1/2 of a symbol in all equations, degrees in place of radians, small angles, or a
+wrong definition. Numbers are decimals rounded from exact numbers, and values of parameters.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ Slip = tuple[str, Mapping[Any, Any]]
 
 
 def slip_of(rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample]], *, common: bool) -> str:
-    """Return a sentence on the single slip whose correction makes all equations right, or "".
+    """Return a sentence on the single slip whose correction makes all equations correct, or "".
 
-    Equations are right if they hold at all samples of one of the `choices`. If `common` is true, the slips of `_slips`
-    are tried, such as degrees; else those of `_factors`. The result is also "" if the equations are too long, or the
-    time is up.
+    If `common` is true, common slips such as degrees in place of radians are tried, else signs and factors of symbols.
+    `choices` has several lists of the same samples, with different multipliers. Equations are correct if they hold at
+    all samples of one list. The result is also "" if the equations are too long, or the time is up.
     """
     statement, zeros = rows[0].statement, [row.zero for row in rows]
     if sum(int(zero.count_ops()) for zero in zeros) > LONGEST_SLIP:
@@ -75,7 +75,7 @@ def slip_of(rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample
 
 
 def _all_hold(zeros: Sequence[Any], statement: Statement, *choices: Sequence[MotionSample]) -> bool:
-    """Return True if the equations `zeros` = 0 hold at all samples of one of the `choices`."""
+    """Return True if all equations `zeros` = 0 hold at all samples of one of the lists of samples, `choices`."""
     with suppress(StatementError):
         rows = [row_of(StudentEquation(zero), statement) for zero in zeros]
         return any(all(row.holds(samples) for row in rows) for samples in choices)
@@ -83,10 +83,9 @@ def _all_hold(zeros: Sequence[Any], statement: Statement, *choices: Sequence[Mot
 
 
 def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
-    """Return a sentence if the equations are right after linearization about zero coordinates, else "".
+    """Return a sentence if the equations `zeros` = 0 are those of small motions about zero coordinates, else "".
 
-    The equations are `zeros` = 0. A system with rotations gives "", because the entries of a quaternion cannot all be
-    zero.
+    The result is "" for a system with rotations, because the entries of a quaternion cannot all be zero.
     """
     moving = set(statement.plain.values())
     if statement.rotations or any(
@@ -124,7 +123,7 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
 
 
 def _slips(zeros: Sequence[Any], parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
-    """Yield common slips that the equations `zeros` = 0 may contain, the most common first.
+    """Yield common slips that the equations `zeros` = 0 may contain, such as degrees, the most common first.
 
     `parameters` are the parameters in the equations.
     """
@@ -147,7 +146,7 @@ def _slips(zeros: Sequence[Any], parameters: Sequence[Any], statement: Statement
 
 
 def _factors(parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
-    """Yield slips that may also look like one wrong term: signs, directions, and factors 2 and 1/2.
+    """Yield slips in the sign, direction, or factor 2 or 1/2 of a symbol, which may also be errors of one term.
 
     `parameters` are the parameters in the equations.
     """
@@ -164,23 +163,23 @@ def _factors(parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
 
 
 def _multiples(coordinates: Sequence[tuple[Any, ...]]) -> Iterator[Slip]:
-    """Yield slips of a factor 2 or 1/2 in each of the `coordinates`: (coordinate, velocity, acceleration)."""
+    """Yield slips of a factor 2 or 1/2 in one of the coordinates (q, v, a), with its velocity and acceleration."""
     for factor, text in FACTORS.items():
         for q, v, a in coordinates:
             yield f"All is right for {text}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}
 
 
 def _coordinates(statement: Statement) -> list[tuple[Any, ...]]:
-    """Return (coordinate, velocity, acceleration) of each coordinate, in plain symbols."""
+    """Return the symbols (coordinate, velocity, acceleration) for each coordinate."""
     plain = iter(statement.plain.values())
     return [*zip(plain, plain, plain, strict=True)]
 
 
 def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample], write: Write, *, alone: bool) -> str:
-    """Return a sentence on the definition whose correction makes all equations right, or "".
+    """Return a sentence on a definition in the answer whose correction makes all equations correct, or "".
 
-    Corrections are those of `_variants`, the shortest ones first. A constant is replaced by constants only. If `alone`
-    is true, one wrong term explains the fault, too; then the square and the root of the definition are not tried.
+    Corrections are those of `_variants`, the shortest first. A constant is replaced by constants only. `alone` is true
+    if one wrong term explains the error, too. Then the square and the root of the definition are not tried.
     """
     statement, sample, point = rows[0].statement, samples[0], samples[0].point
     coordinates = list(statement.plain.values())
@@ -218,10 +217,10 @@ def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample
 
 
 def _variants(expression: Any, symbols: Sequence[Any]) -> Iterator[Any]:
-    """Yield expressions that differ from `expression` by one slip; `symbols` may occur in them.
+    """Yield expressions that a student may have meant by `expression`: each corrects one slip.
 
     Slips are a wrong sign, symbol, factor or power, a quotient upside down, a missing or superfluous square root or
-    number, and a sine in place of a cosine.
+    number, and a sine in place of a cosine. The yielded expressions may contain the `symbols`.
     """
     yield from (-expression, 1 / expression, expression**2, sympy.sqrt(expression))
     yield from (expression * factor for p in symbols for factor in (p, 1 / p))
@@ -229,7 +228,7 @@ def _variants(expression: Any, symbols: Sequence[Any]) -> Iterator[Any]:
 
 
 def _changed_parts(expression: Any, symbols: Sequence[Any]) -> Iterator[Any]:
-    """Yield expressions that differ from `expression` by one slip in one of its parts."""
+    """Yield expressions that differ from `expression` by one slip in a part of it, such as a term or a factor."""
     if expression.is_Symbol:
         yield from (expression**2, 1 / expression, *symbols)
         yield from (expression * p**power for p in symbols for power in (1, -1))
@@ -261,9 +260,9 @@ _DECIMAL = re.compile(r"(?<![\w.])[0-9]*\.[0-9]+(?:e[+-]?[0-9]+)?(?!\w)")
 def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> StudentEquation | None:
     """Return an equation with exact numbers in place of decimals, if it then holds at all samples; else None.
 
-    The equation's `note` is a sentence on these numbers. They replace decimals that are rounded from them and have
-    enough digits: 0.667 becomes 2/3. A number that was cut off, such as 0.666, remains. SymPy multiplies the decimals
-    in a product, so the result is assumed to be as precise as the most precise decimal of the equation.
+    The equation's `note` is a sentence on these numbers. A decimal is replaced if it is rounded from the exact number
+    and has enough digits: 0.667 becomes 2/3. A decimal that was cut off, such as 0.666, remains. SymPy multiplies the
+    decimals in a product, so such a number counts as precise as the most precise decimal of the equation.
     """
     equation = row.equation
     typed = [Decimal(text) for text in _DECIMAL.findall(equation.read)]
@@ -297,28 +296,28 @@ def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> Stu
 
 
 TINY = 1e-300
-"""Smallest decimal that is examined for rounding, and the inverse of the largest. Beyond these sizes products of
-decimals leave the range of doubles."""
+"""Smallest decimal in an equation that is examined for rounding; the largest is 1/TINY. Products of decimals beyond
+these limits may leave the range of doubles."""
 
 
 def _unit(number: Decimal) -> float:
-    """Return one unit in the last digit of a decimal, relative to the decimal."""
+    """Return one unit in the last digit of a decimal, relative to the decimal: 0.01/9.81 for 9.81; 1 for zero."""
     return 10.0 ** int(number.as_tuple().exponent) / float(number) if number else 1.0
 
 
 def _text(value: Any, digits: int) -> str:
-    """Return a number as a fraction, or as a decimal with `digits` digits.
+    """Return the text of a number: a fraction, or a decimal with `digits` + 3 digits.
 
-    A decimal is returned if the number is not rational, or if its fraction is longer, such as 981/100.
+    A decimal is returned if the number is not rational, or is a decimal fraction such as 981/100.
     """
     return str(value) if value.is_Rational and value.q not in (10, 100, 1000) else f"{float(value):.{digits + 3}g}"
 
 
 def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[MotionSample]) -> dict[Any, Any]:
-    """Return {decimal: exact number} for the decimals of an equation, by one step of Newton's method.
+    """Return {decimal: exact number}, where the exact numbers are those with which an equation holds at the samples.
 
-    It takes as many samples as there are decimals. Decimals that are exact are left out. If the equation determines
-    them only up to a common factor, the last decimals stay unchanged. Raises OutsideDomain if no number is determined.
+    One step of Newton's method finds them, at as many samples as there are decimals. Exact decimals are left out. If
+    they are determined only up to a factor, the last ones stay unchanged. Raises OutsideDomain if none is determined.
     """
     names = {number: sympy.Dummy(real=True) for number in decimals}
     opened, typed = row.zero.xreplace(names), {name: number for number, name in names.items()}
@@ -343,10 +342,10 @@ LARGEST_COUNT = 4  # Integers and half-integers up to this number are exponents 
 def with_parameters(
     rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample]]
 ) -> tuple[Sequence[EquationRow], str]:
-    """Return equations with parameters in place of their values, such as g for 9.81, and a sentence on these.
+    """Return wrong equations with parameters in place of their values, such as g for 9.81, and a sentence on these.
 
-    A value is replaced if no equation contains its parameter. The rows are unchanged, and the sentence is empty, if
-    there is no such value, or if all equations then hold at one of the `choices` of samples.
+    A value is replaced if no equation contains its parameter. If there is no such value, or if all equations would then
+    hold at all samples of one of the `choices`, the equations are returned unchanged, and the sentence is "".
     """
     statement = rows[0].statement
     absent = {float(x): p for p, x in statement.defaults.items() if not any(row.zero.has(p) for row in rows)}

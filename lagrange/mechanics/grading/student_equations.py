@@ -31,10 +31,11 @@ from lagrange.statement.vocabulary.letters import WORD
 MULTIPLIER = "lambda_"  # Prefix that turns the name of a constraint into the name of its multiplier
 
 FORCES = ("T", "N", "S", "F", "f", "mu", "FT", "FN", "FS", "FR", "Ff", "Fc", "fs")
-"""Letters that denote constraint forces, unless a symbol of the system has the same name. A letter has the number of
-its constraint, such as T1, or is the only unknown name in an answer to a system with one constraint."""
+"""Letters that may be typed for the multiplier of the only constraint of a system, unless the system has a symbol of
+this name. The letter must be the only unknown name in the answer. With several constraints, a letter of USUAL has the
+number of its constraint, such as T1."""
 
-# Letters that denote the force of the only constraint in any case: they need not be the only unknown names
+# Letters that are read as the force of the only constraint even if the answer has other unknown names
 USUAL = ("T", "N", "S", "FT", "FN", "FS", "Fc")
 # Usual letters for derivatives of a coordinate, if it is the only one of its kind. omega may be a frequency instead
 RATE_LETTERS = {name: {"v": "_dot", "a": "_ddot"} for name in ("x", "y", "z", "s", "r", "h")}
@@ -44,11 +45,11 @@ ORDINALS = ("", "second", "third", "fourth", "fifth")  # Names of the equations 
 
 @dataclass(frozen=True)
 class StudentEquation(Reading):
-    """An equation of motion as it was understood, in the plain symbols of `Statement.plain`.
+    """An equation of a student's answer as it was understood, with SymPy symbols in place of functions of time.
 
     `label` names the equation in messages. `index` is the index of the equation in the answer; a chain a = b = c is one
     equation in the answer and several here. `letters` maps multipliers to the letters that were typed for them.
-    `others` are other readings of an ambiguous text. `note` is a sentence on why an equation counts as right, such as
+    `others` are other readings of an ambiguous text. `note` is a sentence on why an equation counts as correct, such as
     for rounded decimals, or "".
     """
 
@@ -59,18 +60,18 @@ class StudentEquation(Reading):
     index: int = 0
 
     def with_numbers(self, numbers: Mapping[Any, Any]) -> StudentEquation:
-        """Return the equation with other expressions in place of numbers, as in the mapping {number: expression}."""
+        """Return the equation with its numbers replaced by the table `numbers`, {number: expression}: g for 9.81."""
         meanings = {symbol: value.xreplace(numbers) for symbol, value in self.meanings.items()}
         zero, right = self.zero.xreplace(numbers), self.right.xreplace(numbers)
         return replace(self, zero=zero, right=right, meanings=meanings)
 
 
 def read_equations(answer: Any, statement: Statement) -> list[StudentEquation]:
-    """Return the equations of an answer: a list, a dict by coordinate, one text, one expression, or one Eq.
+    """Return the equations of a student's answer: a list, a dict by coordinate, one text, one expression, or one Eq.
 
-    A text has = or == between two sides, or is an expression that is zero. q_dot and q_ddot are the derivatives of q;
-    lambda_name is the multiplier of the constraint `name`. Raises StatementError, with the equation's label, if an
-    equation cannot be read.
+    A text has = or == between two sides, or is an expression that is zero. In it q_dot and q_ddot are derivatives of
+    the coordinate q, and lambda_name is the multiplier of the constraint `name`. Raises StatementError, with the
+    equation's label, if an equation cannot be read.
     """
     reader = _EquationReader(statement)
     if isinstance(answer, str):
@@ -87,14 +88,14 @@ def read_equations(answer: Any, statement: Statement) -> list[StudentEquation]:
 
 
 def spelled(expression: Any) -> str:
-    """Return the text of an expression in plain symbols, in the notation of equations."""
+    """Return the text of an expression, with multipliers as lambda_name, as equations of an answer are typed."""
     named = {symbol: constraint_of(symbol) for symbol in expression.free_symbols}
     multipliers = {symbol: sympy.Symbol(f"{MULTIPLIER}{name}") for symbol, name in named.items() if name is not None}
     return str(sympy.sstr(expression.xreplace(multipliers)))
 
 
 class _EquationReader:
-    """Reads equations in the symbols of one statement."""
+    """Reads the equations of students' answers on one system, which have its symbols or usual letters for them."""
 
     def __init__(self, statement: Statement) -> None:
         self.statement = statement
@@ -124,9 +125,9 @@ class _EquationReader:
     def reader(self, text: str, what: str = "") -> tuple[TypedReader, dict[Any, Any]]:
         """Return a reader for a text, and {multiplier: symbol of the letter that the text uses for it}.
 
-        For a system with one constraint, the text may use another letter for the multiplier, such as a letter for a
-        force. It is recognised if the unknown names in the text leave only one candidate. `what` is the label of the
-        text in messages.
+        For a system with one constraint, the text may use a letter such as T, for a force, for the multiplier. The
+        letter is recognised if only one of the unknown names in the text can mean it. `what` is the label of the text
+        in messages.
         """
         words = {canonical(word) for word in WORD.findall(text)}
         reader, letters = TypedReader(self.names, self.others), [letter for letter in self.spellings if letter in words]
@@ -142,10 +143,11 @@ class _EquationReader:
         return reader, {self.names[self.spellings.get(letter, self.force)]: sympy.Symbol(letter) for letter in letters}
 
     def likely(self, answer: str, read: Callable[[_EquationReader], list[StudentEquation]]) -> list[StudentEquation]:
-        """Return the equations that `read` finds with this reader, or with a reader of `_with_usual_rates`.
+        """Return the equations in an answer, in which letters such as a may stand for derivatives of coordinates.
 
-        Those readers are tried if `read` fails, or if no equation has an acceleration. Equations without accelerations
-        are kept if no reader finds any acceleration. Raises StatementError if all readers fail.
+        The function `read` returns the equations that a reader finds. It is called with this reader. If it fails, or
+        finds no acceleration, it is called with readers that know such letters. If these find none either, the first
+        equations are kept. Raises StatementError if all readers fail.
         """
         equations, refusal = list[StudentEquation](), None
         try:
@@ -163,12 +165,12 @@ class _EquationReader:
         return equations
 
     def _moves(self, equations: Sequence[StudentEquation]) -> bool:
-        """Return True if an equation, or a definition that it uses, contains an acceleration."""
+        """Return True if an equation has an acceleration, after symbols that the answer defines are replaced."""
         accelerations = list(self.plain.values())[2::3]
         return any(equation.zero.xreplace(dict(equation.meanings)).has(*accelerations) for equation in equations)
 
     def document(self, answer: str) -> list[StudentEquation]:
-        """Return the equations of a text, or of its formulas, or of its section "Equations of motion"."""
+        """Return the equations of a text, or else of its formulas or its section "Equations of motion"."""
         try:
             return self._all(answer)
         except StatementError:
@@ -180,8 +182,9 @@ class _EquationReader:
     def _with_usual_rates(self, answer: str) -> Iterator[_EquationReader]:
         """Yield readers that accept usual letters for derivatives of coordinates in an answer.
 
-        These are v and a of the only length, as in m a = -k x - c v, alpha of the only angle, and v1 and a1 of x1. A
-        letter is not an acceleration if an equation of the answer has another acceleration, as in x'' = -a x.
+        If there is only one length, v and a are its derivatives, as in m a = -k x - c v. If there is only one angle,
+        alpha is its acceleration. v1 and a1 are derivatives of x1. The first reader accepts velocities only, the second
+        accelerations, too, unless such a letter is in an equation with another acceleration, as in x'' = -a x.
         """
         meanings: dict[str, list[str]] = {}  # by letter with index, such as v1
         for name in (name for name in self.names if f"{name}_ddot" in self.names):
@@ -218,9 +221,9 @@ class _EquationReader:
         ]
 
     def read(self, answer: Any, what: str, index: int) -> list[StudentEquation]:
-        """Return the equation of a text, of an expression that is zero, or of an Eq; a = b = c is two equations.
+        """Return the equation that one entry of an answer states, as a list; a text a = b = c states two.
 
-        `what` is the label of the equation, and `index` its position in the answer.
+        `answer` is a text, an Eq, or an expression that is zero. `what` is its label, and `index` its position.
         """
         if isinstance(answer, str):
             return self.likely(answer, lambda reader: reader._single(answer, what, index))
@@ -240,7 +243,10 @@ class _EquationReader:
             ) from None
 
     def _single(self, answer: str, what: str, index: int) -> list[StudentEquation]:
-        """Return the only equation of a text with the label `what`. Raises StatementError if there are more or none."""
+        """Return the only equation of a text, with the label `what` and the position `index` in the answer, as a list.
+
+        Raises StatementError if there are more equations or none. A text a = b = c gives two entries.
+        """
         reader, letters = self.reader(answer, what)
         equations = reader.equations(answer, what)
         count = sum(not typed.link for typed in equations)
@@ -254,10 +260,10 @@ class _EquationReader:
         return f"{what} contains {name[:60]!r}, which this system does not have; {symbols}"
 
     def symbols(self, stated: Any, what: str) -> Any:
-        """Return an expression in the plain symbols of the statement.
+        """Return a user's SymPy expression with the symbols of the system in place of functions of time.
 
         Parameters are identified by their names. Raises StatementError, with the label `what`, for unknown symbols,
-        functions and multipliers, and for powers beyond the limits for texts: SymPy would write out 2**(10**9).
+        functions and multipliers, and for exponents above LARGEST_EXPONENT, since SymPy would compute 2**(10**9).
         """
         for power in stated.atoms(sympy.Pow):
             if power.exp.is_Rational and abs(power.exp) > LARGEST_EXPONENT:
@@ -289,7 +295,7 @@ class _EquationReader:
 
 
 def _equation(label: str, typed: Reading, letters: Mapping[Any, Any], index: int) -> StudentEquation:
-    """Return a typed equation, with its other readings, as an equation of a student.
+    """Return the equation of an answer for `typed`, the result of reading its text, with the other readings.
 
     `label` names the equation in messages, and `index` is its position in the answer. `letters` maps multipliers to the
     letters that were typed for them.
@@ -303,15 +309,15 @@ def _equation(label: str, typed: Reading, letters: Mapping[Any, Any], index: int
 
 @lru_cache(maxsize=16)
 def abbreviations(statement: Statement) -> dict[Any, Any]:
-    """Return {symbol: value in plain symbols} for the entries and rates of rotations, and for their derivatives.
+    """Return {symbol: expression in quaternions} for matrix entries and rates of rotations, and their derivatives.
 
-    An equation keeps symbols such as R_body_x and R_body_x_dot, so that its terms remain as typed.
+    Equations have symbols such as R_body_x and R_body_x_dot, so that their terms remain as typed.
     """
     return {symbol: in_full(f).xreplace(statement.plain) for f, symbol in rate_symbols(statement).items()}
 
 
 def rate_symbols(statement: Statement) -> dict[Any, Any]:
-    """Return {function of time: symbol} for the entries and rates of rotations, and for their derivatives."""
+    """Return {function of time: symbol such as R_body_x} for entries and rates of rotations and their derivatives."""
     rates = {f: sympy.Symbol(name, real=True) for name, f in shorthands(statement.rotations).items()}
     return rates | {f.diff(t): sympy.Symbol(f"{symbol}_dot", real=True) for f, symbol in rates.items()}
 
@@ -320,16 +326,16 @@ DIGITS = 40  # Decimal digits of evaluations; the accelerations are accurate to 
 ZERO = 1e-12  # Rounding error of accelerations, relative to 1 plus the largest of them
 
 LARGEST_RESIDUAL = 1e-14
-"""Largest residual of an equation that holds, relative to its terms. Its numbers may be results of about 50 operations
-on doubles. A wrong term passes only if it is smaller than this at every state."""
+"""Largest difference of the two sides of an equation that holds, relative to its terms. Its numbers may have rounding
+errors of about 50 operations on doubles. A wrong term passes only if it is smaller than this at every state."""
 
 
 @dataclass(frozen=True, eq=False)
 class EquationRow:
     """A typed equation split into coefficients: left minus right side = `rest` + sum of `slopes`[z] * z.
 
-    The unknowns z are accelerations and multipliers. `zero` is left minus right side, with the rates of rotations and
-    the definitions of the answer written out. `equation` is the equation as typed.
+    The unknowns z are accelerations and multipliers. `zero` is left minus right side, in which symbols that the answer
+    defines, and rates of rotations, are replaced by their values. `equation` is the equation as typed.
     """
 
     statement: Statement
@@ -340,20 +346,20 @@ class EquationRow:
 
     @cached_property
     def sides(self) -> tuple[Any, Any]:
-        """The left and the right side as they were typed, with symbols for rates of rotations and for definitions."""
+        """The left and the right side as typed: symbols that the answer defines, and rates of rotations, are kept."""
         return self.equation.zero + self.equation.right, self.equation.right
 
     def with_zero(self, zero: Any, right: Any = sympy.S.Zero) -> EquationRow:
-        """Return an `EquationRow` for the equation `zero` = 0, with the label of this row.
+        """Return an `EquationRow` for another equation, `zero` = 0, with the label of this row.
 
-        `right` is its right side; its left side is zero + right. Raises StatementError if it is not linear in
+        Its right side is `right`, and its left side zero + right. Raises StatementError if it is not linear in
         accelerations and multipliers.
         """
         equation = StudentEquation(zero, right, label=self.equation.label, meanings=self.equation.meanings)
         return row_of(equation, self.statement)
 
     def in_full(self, expression: Any) -> Any:
-        """Return an expression with the definitions of the answer and the rates of rotations written out."""
+        """Return an expression with values in place of symbols that the answer defines, and of rates of rotations."""
         return expression.xreplace(dict(self.equation.meanings)).xreplace(abbreviations(self.statement))
 
     @cached_property
@@ -364,26 +370,26 @@ class EquationRow:
 
     @property
     def switches(self) -> tuple[Any, ...]:
-        """The conditions, Abs, sign, Min and Max in the equation, in the user's symbols."""
+        """The switches in the equation, which are its conditions, Abs, sign, Min and Max, in functions of time."""
         return self._tape.switches
 
     def ways(self, point: SamplePoint) -> tuple[int | None, ...]:
-        """Return the outcome of each switch, such as a condition or Abs, at a point.
+        """Return the outcome of each of `switches` at a state, such as 1 for a true condition; None without a value.
 
-        Raises OutsideDomain if the equation has no value at the point.
+        Raises OutsideDomain if the equation has no value at the state.
         """
         outcomes, _ = self._tape.inspect(point.q, point.v, point.t, point.parameters)
         return outcomes
 
     def numbers(self, sample: MotionSample) -> list[Any]:
-        """Return the coefficients of all unknowns at a sample, as numbers. Raises OutsideDomain if one has no value."""
+        """Return the coefficients of accelerations and multipliers in numbers. Raises OutsideDomain without a value."""
         return values_at(self._tape, sample)[: len(self.slopes)]
 
     def leading(self, sample: MotionSample) -> list[Any]:
-        """Return the coefficients of accelerations and multipliers at a sample, as numbers.
+        """Return the coefficients of accelerations and multipliers at a sample, or those of the equation's derivative.
 
-        An equation without these unknowns is differentiated once or twice in time first. Raises OutsideDomain if a
-        coefficient has no value.
+        An equation without these unknowns is first differentiated in time once or twice, until it has accelerations.
+        Raises OutsideDomain if a coefficient has no value.
         """
         if any(self.slopes.values()):
             return self.numbers(sample)
@@ -393,7 +399,7 @@ class EquationRow:
         return [*slopes, *[0] * len(sample.multipliers)]
 
     def residual(self, sample: MotionSample) -> tuple[Any, Any]:
-        """Return (left minus right side for the true motion at a sample, magnitude of the terms in it)."""
+        """Return (left minus right side, magnitude of the terms in it) at a sample, with the true accelerations."""
         values, count = values_at(self._tape, sample), len(self.slopes)
         slopes, rest, parts = values[:count], values[count], values[count + 1 :]
         solved = [*sample.accelerations, *sample.multipliers]
@@ -403,7 +409,7 @@ class EquationRow:
         return sum(terms) + rest, sum(map(abs, terms)) + max(abs(rest), sum(map(abs, parts))) + rounding
 
     def holds(self, samples: Sequence[MotionSample]) -> bool:
-        """Return True if the true motion satisfies the equation at every sample at which the equation has a value.
+        """Return True if the true accelerations satisfy the equation at every sample at which it has a value.
 
         The result is False if there is no such sample.
         """
@@ -418,18 +424,18 @@ class EquationRow:
 
 
 def unknowns_of(statement: Statement) -> list[Any]:
-    """Return the unknowns of the equations of motion in plain symbols: the accelerations, then the multipliers."""
+    """Return the symbols of the unknowns in the equations of motion: the accelerations, then the multipliers."""
     return [*list(statement.plain.values())[2::3], *(constraint.multiplier for constraint in statement.constraints)]
 
 
-# Functions in the slope of an equation that is not smooth in an acceleration
+# Functions in the derivative of an equation by an acceleration, if the equation is not smooth in it
 _JUMPS = (sympy.Heaviside, sympy.DiracDelta, sympy.sign, sympy.Abs, sympy.Max, sympy.Min, sympy.Piecewise)
 
 
 def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
-    """Return an equation of an answer as a row of linear coefficients.
+    """Return an equation of an answer, split into its coefficients of accelerations and multipliers.
 
-    Raises StatementError if it is not linear in accelerations and multipliers.
+    Raises StatementError if it is not linear in them.
     """
     zero = equation.zero.xreplace(dict(equation.meanings)).xreplace(abbreviations(statement))
     if zero.has(sympy.DiracDelta):
@@ -458,7 +464,7 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
 
 
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:
-    """Return a program that computes expressions in plain symbols, in multiple precision.
+    """Return a program that computes expressions in the symbols of a statement with `DIGITS` decimal digits.
 
     The derivative of a jump, such as of sign(x) at zero, is taken as zero. Raises OutsideDomain if a constant has no
     value.
@@ -469,6 +475,6 @@ def tape(expressions: Sequence[Any], statement: Statement) -> Precise:
 
 
 def values_at(expressions: Precise, sample: MotionSample) -> list[Any]:
-    """Return the values of a program's expressions at a sample. Raises OutsideDomain if one has no value."""
+    """Return the values of all expressions of a program at a sample. Raises OutsideDomain if one has no value."""
     point, number = sample.point, expressions.context.mpf
     return expressions(point.q, point.v, point.t, {p: number(x) for p, x in point.parameters.items()})

@@ -1,6 +1,6 @@
 """Say in a sentence how a typed term differs from the correct one, as in "has the wrong sign".
 
-Functions here also expand expressions into terms.
+Other functions expand expressions into terms, and compare lists of values.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from lagrange.mechanics.grading.time_limit import LARGEST_EXPANSION, check_budge
 from lagrange.mechanics.plain_form import term_count
 
 Numbers = list[Any]  # Values of an expression at the samples
-Write = Callable[[Any], str]  # Function that returns the text of an expression in plain symbols
+Write = Callable[[Any], str]  # Function that returns the text of an expression for messages
 LARGEST_MULTIPLE = 20  # Largest multiple of an angle whose sine is expanded
 LARGEST_POWER = 4  # Largest power of a sum that is multiplied out
 MOST_TERMS = 2_000  # Largest number of terms of an expanded sum in which a wrong term is searched
 LARGEST_FACTOR = 1000  # Largest denominator of a fraction that approximates a constant factor
 LARGEST_NUMERATOR = 10**6
-"""Largest constant factor that is written as a fraction: a number with many digits takes minutes"""
+"""Largest constant factor that is converted to a fraction. The conversion of larger numbers may take minutes."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of a term: `typed` is the typed expression, `right` the right one in its place.
+    """Difference of a term of a student's equation: `typed` is the typed term, `right` the correct one in its place.
 
     `kind` says how they differ: "missing" (`typed` is 0), "extra" (`right` is 0), "scaled" (`typed` is the constant
     `ratio` times `right`), or "wrong".
@@ -41,9 +41,9 @@ class Difference:
     ratio: Fraction = Fraction(1)
 
     def ending(self, factor: Any, write: Write) -> str:
-        """Return the end of a sentence on the difference. Both expressions are first multiplied by `factor`.
+        """Return the end of a sentence on the difference, such as "the term m*g has the wrong sign: ...".
 
-        `write` turns an expression into text.
+        The typed and the correct term are multiplied by `factor` in it. `write` turns an expression into text.
         """
         typed, right = self.typed * factor, self.right * factor
         shown = right if self.kind == "missing" else typed
@@ -58,7 +58,7 @@ class Difference:
 
 
 def summands(expression: Any) -> tuple[Any, ...]:
-    """Return the terms of an expression after products of sums are expanded; powers and denominators are unchanged.
+    """Return the terms of an expression after expansion of products of sums, but not of powers and denominators.
 
     An expression with more than MOST_TERMS terms is returned whole, as a single term.
     """
@@ -79,7 +79,7 @@ def summands(expression: Any) -> tuple[Any, ...]:
 
 
 def expanded(expression: Any) -> tuple[Any, ...]:
-    """Return the terms of an expression after full expansion, also of powers and denominators.
+    """Return the terms of an expression after full expansion, also of powers, denominators and sines of sums.
 
     An expression with a large power of a sum, or with too many terms, is returned whole, as a single term. Raises
     BudgetSpent if the time is up.
@@ -98,16 +98,16 @@ def expanded(expression: Any) -> tuple[Any, ...]:
 
 
 def scaled_by(number: Fraction, expression: Any) -> Any:
-    """Return a number times an expression, multiplied into each term of a sum.
+    """Return a number times an expression. Each term is multiplied: 2 times x + y is 2*x + 2*y.
 
-    Common factors of denominators are taken out: 3*R - 3*r becomes 3*(R - r).
+    Common factors in denominators are taken out: 3*R - 3*r becomes 3*(R - r).
     """
     quotients = map(sympy.fraction, sympy.Add.make_args(expression))
     return sympy.Add(*(sympy.Rational(number) * above / sympy.factor_terms(below) for above, below in quotients))
 
 
 def constant_of(values: Numbers) -> Fraction | None:
-    """Return the fraction that all values equal up to rounding, or None.
+    """Return the fraction that all values of an expression equal up to rounding, or None if there is none.
 
     Its denominator is at most `LARGEST_FACTOR`, and its absolute value at most `LARGEST_NUMERATOR`.
     """
@@ -119,7 +119,7 @@ def constant_of(values: Numbers) -> Fraction | None:
 
 
 def same(left: Numbers, right: Numbers, times: int = 1) -> bool:
-    """Return True if `times` * left equals right at all samples, up to rounding."""
+    """Return True if `times` * x equals y up to rounding, for all pairs of values x in `left` and y in `right`."""
     return all(
         abs(times * a - b) <= LARGEST_RESIDUAL * (abs(times * a) + abs(b)) for a, b in zip(left, right, strict=True)
     )

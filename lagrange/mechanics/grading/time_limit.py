@@ -14,9 +14,9 @@ import sympy
 from lagrange.mechanics.plain_form import term_count
 
 SECONDS = 1.2
-"""Processor time of a comparison, from reading on, after which the search for wrong terms and slips stops.
+"""Processor time in seconds after which the search for wrong terms in an answer stops, counted from its reading.
 
-Most searches take 0.1 s; a search in a chain of eight links takes 2 s. An answer of 500 terms takes 0.6 s to read.
+Most searches take 0.1 s. A search in a chain of eight links takes 2 s. An answer of 500 terms takes 0.6 s to read.
 """
 
 # Sentence on a wrong equation whose wrong term was not found in time
@@ -24,7 +24,7 @@ UNNAMED = "It is too long, or its numbers are too large, to find its wrong term 
 LARGEST_EXPANSION = 5_000
 """Largest number of terms, after expansion, of an equation in which a wrong term is searched.
 
-A product of 12 sums has 4,096 and takes 0.9 s; SymPy cannot be interrupted in a larger one.
+A product of 12 sums has 4,096 terms and takes 0.9 s. The expansion of a larger one cannot be interrupted.
 """
 
 LARGEST_NUMBER = 1_000  # Largest number in the argument of an exponential: SymPy expands exp(n*x) in degree n
@@ -34,12 +34,12 @@ _END: ContextVar[float] = ContextVar("end of the budget", default=inf)
 
 
 class BudgetSpent(Exception):
-    """Raised when the processor time for naming a wrong term is spent."""
+    """Raised when the processor time for the search of a wrong term is spent."""
 
 
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Context in which `check_budget` raises BudgetSpent after `seconds` of processor time."""
+    """Limit the processor time of a `with` block: after `seconds`, `check_budget` raises BudgetSpent in it."""
     token = _END.set(time.process_time() + seconds)
     try:
         yield
@@ -48,18 +48,18 @@ def limited(seconds: float) -> Iterator[None]:
 
 
 def is_spent() -> bool:
-    """Return True if the processor time of the enclosing `limited` block is spent."""
+    """Return True if the processor time of the enclosing block `with limited(...)` is spent."""
     return time.process_time() >= _END.get()
 
 
 def check_budget() -> None:
-    """Raise BudgetSpent if the processor time of the enclosing `limited` block is spent."""
+    """Raise BudgetSpent if the processor time of the enclosing block `with limited(...)` is spent."""
     if is_spent():
         raise BudgetSpent
 
 
 def check_size(*expressions: Any) -> None:
-    """Raise BudgetSpent if an expression is so large that a single call of SymPy would take too long."""
+    """Raise BudgetSpent if one of the `expressions` is so large that SymPy would take too long to expand it."""
     calls = {call for expression in expressions for call in expression.atoms(*_GROWING)}
     numbers = {abs(number) for call in calls for number in call.args[0].atoms(sympy.Number)}
     if max(numbers, default=0) > LARGEST_NUMBER or any(term_count(x) > LARGEST_EXPANSION for x in expressions):

@@ -1,4 +1,4 @@
-"""Find the wrong term of a student's equation by comparison with the derivation; `term_difference.py` words it."""
+"""Find the wrong term of a student's equation by comparison with the derived equations, and say so in a sentence."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from lagrange.mechanics.grading.time_limit import check_budget
 from lagrange.mechanics.plain_form import simplest, time_derivative
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name, t
 
-MOST_SHARED = 20  # Largest number of terms of an equation whose partial sums also count as right terms
+MOST_SHARED = 20  # Largest number of terms of a correct equation, of which partial sums are also compared
 
 LONGEST_SOLVED = 300  # Largest number of operations in a solved acceleration whose denominator is compared
 LONGEST_FACTOR = 12  # Largest number of operations of a factor of a side that a message quotes
 LONGEST_FORMULA = 3_000  # Largest number of operations in a solved acceleration whose terms are compared
 LONGEST_RATIO = 60  # Largest number of operations of two terms whose ratio is simplified
 MOST_NAMED = 2  # Largest number of wrong terms that are all named; if there are more, only the first one is named
-MOST_MATCHED = 60  # Largest number of terms of an equation that are matched one by one with right terms
+MOST_MATCHED = 60  # Largest number of typed and correct terms together that are matched one by one
 
 
 @dataclass(frozen=True)
 class WrongTerm:
     """A sentence on the error of an equation. `alone` is true if exactly one term of the equation is wrong.
 
-    `cost` measures how far the right term is from the typed one; it is infinite if several terms are wrong. `shorter`
-    is true if the right term is at most as long as the typed one.
+    `cost` is lower for a likelier mistake, such as a sign; it is infinite if several terms are wrong. `shorter` is true
+    if the correct term is at most as long as the typed one.
     """
 
     sentence: str
@@ -50,9 +50,9 @@ class WrongTerm:
 
 
 def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> WrongTerm:
-    """Return the wrong term of an equation that does not hold. `write` turns an expression into text.
+    """Return the wrong term of a typed equation `row` that does not hold at the `samples`.
 
-    Raises BudgetSpent if the time is up.
+    `derivation` has the correct equations. `write` turns an expression into text. Raises BudgetSpent if the time is up.
     """
     check_budget()
     label = capitalized(row.equation.label)
@@ -83,7 +83,7 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
 
 
 def _undefined_term(row: EquationRow, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence on a term without a value at a state, such as the root of a negative number; else ""."""
+    """Return a sentence on a term without a value at one of the samples, as the root of a negative number, or ""."""
     for side in row.sides:
         for term in sympy.Add.make_args(side):
             try:
@@ -96,10 +96,10 @@ def _undefined_term(row: EquationRow, samples: Sequence[MotionSample], write: Wr
 def _several_wrong_terms(
     row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write
 ) -> str:
-    """Return a sentence on an equation with several wrong terms, or "" if it resembles no right equation.
+    """Return a sentence on an equation with several wrong terms, or "" if it resembles no correct equation.
 
-    The equation is compared with each right equation, multiplied by each factor for which at least one term agrees. The
-    right equation with the most terms in common is taken; among equals, the one with the simplest factor.
+    The equation is compared with each correct one, multiplied by each factor for which at least one term agrees. The
+    one with the most terms in common is taken; among equals, the one with the simplest factor.
     """
     typed = [(side, term) for side in (0, 1) for term in summands(row.in_full(row.sides[side])) if term != 0]
     signed = [term if side == 0 else -term for side, term in typed]
@@ -127,11 +127,11 @@ def _several_wrong_terms(
 def _compared(
     typed: Sequence[Any], right: Sequence[Any], row: EquationRow, samples: Sequence[MotionSample]
 ) -> Iterator[tuple[Any, list[int], list[int]]]:
-    """Yield (factor, unmatched, missing) for comparisons of the terms of an equation with a factor times right terms.
+    """Compare the terms `typed` of an equation with a factor times `right`, the terms of a correct equation.
 
-    `unmatched` are the indices of entries of `typed` that match no right term. `missing` are the indices of entries of
-    `right` that match no typed term. There is one comparison for each pair of a typed and a right term, whose quotient
-    is the factor.
+    Yield (factor, unmatched, missing). `unmatched` are the indices of entries of `typed` that match no correct term,
+    `missing` those of entries of `right` that match no typed term. There is one comparison for each pair of a typed and
+    a correct term, whose quotient is the factor.
     """
     if len(typed) + len(right) > MOST_MATCHED:
         return
@@ -139,10 +139,10 @@ def _compared(
         values, expected = evaluated(typed, row, samples), evaluated(right, row, samples)
     except OutsideDomain:
         return
-    anchors = typed[:1] if row.sides[0] in row.slopes else typed  # the left side of a solved equation is right
+    anchors = typed[:1] if row.sides[0] in row.slopes else typed  # the left side of a solved equation is correct
     for (i, term), (j, correct) in product(enumerate(anchors), enumerate(right)):
         factor = term / correct
-        if factor in (1, -1):  # also of terms that are zero at some states, as on one side of a switch
+        if factor in (1, -1):  # terms that are zero at some states, as on one side of a switch, may have this factor
             yield factor, *_unmatched(values, [[int(factor) * x for x in line] for line in expected])
         elif not factor.has(*row.slopes) and all(expected[j]):
             scale = [a / b for a, b in zip(values[i], expected[j], strict=True)]
@@ -150,9 +150,9 @@ def _compared(
 
 
 def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any]]:
-    """Return pairs (coordinate name, left side - right side) for the exact equations of motion.
+    """Return pairs (coordinate name, left side - right side) for the correct equations of motion.
 
-    If the typed equation `row` gives an acceleration, and there are no constraints, these are the exact accelerations.
+    If the typed equation `row` is solved for an acceleration, and there are no constraints, so are the correct ones.
     Accelerations with more than `LONGEST_FORMULA` operations are then left out.
     """
     statement, rates = derivation.statement, rate_symbols(derivation.statement)
@@ -169,7 +169,7 @@ def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any
 
 
 def _unmatched(typed: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list[int], list[int]]:
-    """Return the indices of entries of `typed` that are not in `right`, and of entries of `right` not in `typed`."""
+    """Match typed and correct (`right`) terms by values at sampled states; return the indices of both without match."""
     unmatched, missing = [], list(range(len(right)))
     for i, values in enumerate(typed):
         match = next((j for j in missing if same(values, right[j])), None)
@@ -183,11 +183,11 @@ def _unmatched(typed: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list
 def _pairs(
     unmatched: Sequence[tuple[int, Any]], missing: Sequence[Any], row: EquationRow
 ) -> list[tuple[int, Any, Any]]:
-    """Return (side, typed term, right term) for each wrong or missing term of the equation `row`.
+    """Return (side, typed term, correct term) for each wrong or missing term of the equation `row`.
 
-    `unmatched` are the wrong terms, as (side, term), and `missing` the missing ones, as terms of the left side. Terms
-    with the most factors in common are paired. A term without a partner is paired with zero. The typed terms keep their
-    order. A right term in the result has the sign of its side.
+    The side is 0 for left and 1 for right. `unmatched` are the wrong terms, as (side, term), and `missing` the missing
+    ones, as terms of the left side. Terms with the most factors in common are paired. A term without a partner is
+    paired with zero. The typed terms keep their order. A correct term in the result has the sign of its side.
     """
     partners, alone = dict[int, Any](), list(missing)
     bases = [set(term.as_powers_dict()) for _, term in unmatched]
@@ -204,7 +204,7 @@ def _pairs(
 
 
 def _difference(typed: Any, right: Any) -> Difference:
-    """Return the difference of a typed term and the right one; one of the two may be zero."""
+    """Return the difference of a typed term from the correct term `right`; one of the two may be zero."""
     if typed == 0 or right == 0:
         return Difference("missing" if typed == 0 else "extra", typed, right)
     ratio = sympy.cancel(typed / right) if typed.count_ops() + right.count_ops() <= LONGEST_RATIO else sympy.nan
@@ -215,10 +215,10 @@ def _difference(typed: Any, right: Any) -> Difference:
 
 @lru_cache(maxsize=1)
 def _right_terms(derivation: Derivation) -> list[Any]:
-    """Return the terms of the right equations, in plain symbols.
+    """Return terms that a correct equation may have.
 
-    The equations are the equations of motion, the constraints, and their first and second time derivatives; masses are
-    included. Rates of rotations stay symbols. Equations that are too large to write out are omitted.
+    They are terms of the equations of motion and of entries of the mass matrix, if these are not too large, and of the
+    constraints and their first and second time derivatives. Rates of rotations stay symbols.
     """
     statement = derivation.statement
     rates = rate_symbols(statement)
@@ -238,7 +238,7 @@ def _right_terms(derivation: Derivation) -> list[Any]:
 
 @lru_cache(maxsize=1)
 def _right_denominators(derivation: Derivation) -> list[Any]:
-    """Return the denominators of the accelerations, in plain symbols, except those too large to write out."""
+    """Return the denominators of the correct accelerations; [] for constraints, rotations and too large formulas."""
     statement = derivation.statement
     if statement.constraints or statement.rotations:
         return []
@@ -250,7 +250,7 @@ def _right_denominators(derivation: Derivation) -> list[Any]:
 
 
 def _change_sentence(change: Change, row: EquationRow, sample: MotionSample, write: Write) -> str:
-    """Return a sentence on the only wrong term of an equation, with its sign as typed."""
+    """Return a sentence on `change`, the correction of the only wrong term of an equation; the term is as typed."""
     total, difference = change.total, change.difference
     start = _place_of(_meant(change.row, sample), row)
     if total.below:
@@ -275,7 +275,7 @@ def _change_sentence(change: Change, row: EquationRow, sample: MotionSample, wri
 
 
 def _meant(row: EquationRow, sample: MotionSample) -> str:
-    """Return the name of the coordinates or the constraint whose equation `row` is, or "" if it is not clear."""
+    """Return the names of coordinates, or of the constraint, whose equation `row` is, or "" if it is not clear."""
     names, plain, slopes = row.statement.names, list(row.statement.plain.values()), row.leading(sample)
     constraint = _constraint_meant(row, slopes, sample)
     if constraint:
@@ -293,10 +293,10 @@ def _meant(row: EquationRow, sample: MotionSample) -> str:
 
 
 def _constraint_meant(row: EquationRow, slopes: Numbers, sample: MotionSample) -> str:
-    """Return the name of the constraint whose gradient is parallel to the coefficients of accelerations, or "".
+    """Return the name of the constraint that an equation states, or "".
 
-    `slopes` are the coefficients of accelerations and multipliers. For an equation between coordinates, its gradient is
-    compared.
+    The gradient of this constraint is parallel to the coefficients of accelerations in the equation, or, if it has no
+    accelerations, to its derivatives by coordinates. `slopes` are the coefficients of accelerations and multipliers.
     """
     statement, count = row.statement, len(row.statement.names)
     if any(slopes[count:]):
@@ -314,12 +314,12 @@ def _constraint_meant(row: EquationRow, slopes: Numbers, sample: MotionSample) -
 
 
 def _place_of(name: str, row: EquationRow) -> str:
-    """Return the beginning of a sentence about an equation, with its coordinate `name` unless the label contains it."""
+    """Return "In equation 2, for x," to begin a sentence; the `name` x is left out if it is "" or in the label."""
     return f"In {row.equation.label}" + ("" if not name or name in row.equation.label else f", for {name},")
 
 
 def _factor_ending(factor: Any, write: Write) -> str:
-    """Return the end of a sentence on a side of an equation that is `factor` times the right side."""
+    """Return the end of a sentence on a side of an equation that is `factor` times what it should be."""
     if factor == -1:
         return "has the wrong sign: it is -1 times what it should be."
     above, below = sympy.fraction(factor)
@@ -331,9 +331,9 @@ def _factor_ending(factor: Any, write: Write) -> str:
 
 
 def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence on a wrong expression under a typed d/dt, or "".
+    """Return a sentence on a wrong expression in a typed d/dt(...), or "".
 
-    It is wrong if the equation holds with a constant times a momentum in its place.
+    It is wrong if the equation would hold with a constant times a momentum in place of the expression.
     """
     statement, momenta = row.statement, list[Any]()
     with suppress(StatementError):
@@ -361,7 +361,7 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
 
 
 def _wrong_term_of_momentum(row: EquationRow, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence on a term under a typed d/dt with a wrong sign or factor 2 or 1/2, or "".
+    """Return a sentence on a term in a typed d/dt(...) that has a wrong sign, or a wrong factor 2 or 1/2, or "".
 
     Terms without a velocity are tried first.
     """
