@@ -238,7 +238,7 @@ def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
 
 
 def _scale(pixels: Pixels, extents: FloatArray, count: int) -> FloatArray:
-    """Return the pixels per unit to the right and up, (count, 2), for curves with the ranges `extents` (2,) together.
+    """Return the pixels per unit to the right and up, (count, 2), for `count` curves with the common ranges `extents`.
 
     A direction in which the curves have no extent has 0 pixels per unit.
     """

@@ -141,7 +141,7 @@ values."""
 
 
 def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of `what`, a row of `y` or a kept quantity, against the varied quantities.
+    """Return the figure of `what`, the name of a coordinate, velocity or kept quantity, against the varied quantities.
 
     `ax` are axes of the user, None for a new figure; `style` is "light" or "dark". Raises StatementError if more than
     two quantities vary, and if no member has a value.

@@ -34,7 +34,7 @@ Key = tuple[Any, ...]
 class BookOrder:
     """Sort keys for the factors and terms of a statement's formulas, as textbooks order them.
 
-    Formulas have a plain symbol in place of each coordinate q(t) and its derivatives. `rank` maps each symbol to its
+    Formulas have a SymPy symbol in place of each coordinate q(t) and its derivatives. `rank` maps each symbol to its
     place in the order: the kind of symbol, the class of its letter, its index in the statement. Kinds are parameter,
     multiplier, position, velocity and acceleration, in this order.
     """
@@ -266,8 +266,8 @@ LARGEST_WHOLE = 10**6  # Largest whole number that is printed without decimals i
 class Typesetter:
     """Writes SymPy expressions of a statement in a notation, as text in the order of textbooks.
 
-    Many methods take expressions "in plain symbols": a symbol replaces each coordinate q(t), and another one each of
-    its derivatives.
+    Expressions that its methods take have a SymPy symbol in place of each coordinate q(t) and each of its derivatives,
+    unless a method says otherwise.
     """
 
     def __init__(self, statement: Statement, notation: Notation) -> None:
@@ -288,17 +288,17 @@ class Typesetter:
             self.letters[entry] = notation.letter(name_of(entry))
 
     def write(self, expression: Any) -> str:
-        """Return the text of an expression, in which coordinates are functions q(t) or plain symbols."""
+        """Return the text of an expression, in which coordinates are functions q(t) or symbols in their place."""
         return self.piece(self.plainly(expression)).text
 
     def plainly(self, expression: Any) -> Any:
-        """Return the expression with a plain symbol in place of each coordinate q(t) and each of its derivatives."""
+        """Return the expression with a SymPy symbol in place of each coordinate q(t) and each of its derivatives."""
         return expression.xreplace(self.plain)
 
     def terms(self, expression: Any) -> list[tuple[bool, str]]:
         """Return the terms of a sum as pairs (True if subtracted, text without sign), in the order of textbooks.
 
-        The sum has plain symbols in place of coordinates q(t) and their derivatives.
+        The sum has SymPy symbols in place of coordinates q(t) and their derivatives.
         """
         signed = map(self.signed, self.ordered(expression))
         return [(negative, self.notation.grouped(piece, PRODUCT)) for negative, piece in signed]
@@ -306,21 +306,21 @@ class Typesetter:
     def ordered(self, expression: Any) -> list[Any]:
         """Return the terms of a sum in the order of textbooks, as SymPy expressions.
 
-        The sum has plain symbols in place of coordinates q(t) and their derivatives.
+        The sum has SymPy symbols in place of coordinates q(t) and their derivatives.
         """
         return self.order.terms(sympy.Add.make_args(expression), lambda term: self.signed(term)[0])
 
     def piece(self, node: Any) -> FormulaPiece:
         """Return the text of the expression `node`, with the precedence of its outermost operation.
 
-        The expression has plain symbols in place of coordinates q(t) and their derivatives.
+        The expression has SymPy symbols in place of coordinates q(t) and their derivatives.
         """
         if node.is_Add or self.signed(node)[0]:
             return FormulaPiece(self.notation.signs(self.terms(node)), SUM)
         return self.signed(node)[1]
 
     def signed(self, node: Any) -> tuple[bool, FormulaPiece]:
-        """Return a flag and a text: True if the term `node` is subtracted, and the term without its sign.
+        """Return (True if the term `node` has a minus sign, text of the term without its sign).
 
         Results are cached.
         """
@@ -400,14 +400,14 @@ class Typesetter:
         return self.notation.fraction(top, self.notation.product(below)) if below else top
 
     def factors(self, number: Any, pairs: list[Any]) -> list[FormulaPiece]:
-        """Return the texts of the factors of a product; a number 1 in front of other factors is left out.
+        """Return the texts of the factors of a product: `number`, unless it is 1, and the powers `pairs`.
 
-        `pairs` are pairs of a base and a positive exponent.
+        A pair is (base, positive exponent).
         """
         return [*([] if number == 1 else [self.number(number)]), *map(self.power, pairs)]
 
     def power(self, pair: tuple[Any, Any]) -> FormulaPiece:
-        """Return the text of the power `pair`, a tuple (base, exponent); the exponent is positive or symbolic."""
+        """Return the text of the power `pair`, (base, exponent). The exponent is a positive number or an expression."""
         base, exponent = pair
         if exponent == 1:
             return self.atom(base)

@@ -170,9 +170,9 @@ class LineWriter:
             yield group
 
     def apart(self, left: str, last: Any) -> bool:
-        """Return True if the right side `last` of an equation goes on its own line, below the left side.
+        """Return True if the right side `last` of an equation is printed on its own line, below the left side.
 
-        `left` is the printed left side. Both do not fit into one line then.
+        It is if it does not fit into one line with the printed left side, `left`.
         """
         right = width(self.printed.side(last)) if isinstance(last, sympy.Expr) else 0
         return width(left) > WIDEST or (width(left) > WIDEST // 2 and width(left) + 3 + right > WIDEST)
