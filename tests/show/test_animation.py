@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
+from playwright.sync_api import Browser
 
 import lagrange as lg
 from lagrange.errors import RunError
@@ -21,7 +22,7 @@ from lagrange.show.animation.recording import MOST_FRAMES, thinned
 from lagrange.statement.declare import declare
 from lagrange.trajectory.trajectory import Status
 from tests.models import shared_scene
-from tests.page.browser import Browser, program
+from tests.page.browser import opened, program, started
 from tests.refusals import refusal
 from tests.show.examples import (
     bouncing,
@@ -409,8 +410,8 @@ def test_colours_follow_the_reader_or_the_style() -> None:
 def browser() -> Iterator[Browser]:
     if program() is None:
         pytest.skip("there is no Chromium on this machine")
-    with Browser() as opened:
-        yield opened
+    with started() as made:
+        yield made
 
 
 CLOCK = "document.querySelector('#seek').getAttribute('aria-valuetext')"
@@ -418,8 +419,8 @@ CLOCK = "document.querySelector('#seek').getAttribute('aria-valuetext')"
 
 def test_keys_and_controls_of_the_player(browser: Browser, tmp_path: Path) -> None:
     made = double_pendulum().animate(tmp_path / "a.html")
-    with browser.open(tmp_path / "a.html") as tab:
-        tab.press(" ", "Space")
+    with opened(browser, tmp_path / "a.html") as tab:
+        tab.press("Space")
         assert tab.text("#play") == "Play"
         for key, clock in [("Home", "0.00"), ("ArrowRight", "0.03"), ("End", "1.00"), ("ArrowLeft", "0.97")]:
             tab.press(key)
@@ -434,16 +435,16 @@ def test_keys_and_controls_of_the_player(browser: Browser, tmp_path: Path) -> No
         assert tab.text("#speed-value") == "× 2"
         tab.press("l")
         assert tab.value("document.querySelector('#loop').ariaPressed") == "false"
-        tab.press(" ", "Space")
+        tab.press("Space")
         tab.wait("document.querySelector('#play').textContent === 'Play'")
         assert tab.text("#time") == "1.00", "without repetition it stops at the end"
-        assert tab.complaints() == []
+        assert tab.complaints == []
 
 
 def test_the_player_pauses_out_of_sight_and_repeats(browser: Browser, tmp_path: Path) -> None:
     page = double_pendulum().animate().to_html()
     (tmp_path / "a.html").write_text(page)
-    with browser.open(tmp_path / "a.html") as tab:
+    with opened(browser, tmp_path / "a.html") as tab:
         tab.wait("(window.most = Math.max(window.most ?? 0, lagrange.state().t)) > lagrange.state().t + 0.5")
         assert tab.text("#play") == "Pause"
         tab.value("document.querySelector('main').style.display = 'none'")
@@ -455,7 +456,7 @@ def test_no_state_is_interpolated_across_a_reset(browser: Browser, tmp_path: Pat
     run = bouncing()
     recording = thinned(run.animate(tmp_path / "a.html").recording)
     jump = int(recording.jumps[0])
-    with browser.open(tmp_path / "a.html") as tab:
+    with opened(browser, tmp_path / "a.html") as tab:
         for k, share in ((jump, 0.0), (jump - 1, 0.5)):
             t = float(recording.t[k] + recording.t[k + 1]) / 2
             tab.value(f"lagrange.seek({t!r})")
