@@ -28,7 +28,7 @@ from lagrange.program.switching import Switched
 FloatArray = NDArray[np.float64]
 
 Places = NDArray[np.int64]
-"""Indices of steps, (K,)."""
+"""Type of an array (K,) of indices of steps in a run."""
 
 
 class MissingTargetError(StatementError):
@@ -44,10 +44,10 @@ class SingularMassMatrix(RunError):
 
 
 class QuickCalls(NamedTuple):
-    """Fast functions of (t, y) and of (t, q, v) that evaluate a kernel at one state, or return None.
+    """Fast functions that evaluate a kernel at one state: `whole(t, y)` and `parts(t, q, v)`.
 
-    They report no errors. They return None if the time is not a float, if a state is not a plain NumPy array of
-    doubles of the right shape, or if the result is not finite. The caller then calls the `Kernel`.
+    They raise no errors. They return None if the time is not a float, if a state is not a plain NumPy array of doubles
+    of the right shape, or if the result is not finite or does not exist. The caller then calls the `Kernel`.
     """
 
     whole: Callable[..., FloatArray | None]
@@ -56,7 +56,7 @@ class QuickCalls(NamedTuple):
 
 @runtime_checkable
 class Kernel(Protocol):
-    """A program that a machine has loaded, ready to be called."""
+    """A program, such as a right-hand side, as a function of numbers: compiled, printed as Python, or interpreted."""
 
     @property
     def program(self) -> Program:
@@ -84,7 +84,7 @@ class Kernel(Protocol):
 
 
 class Callback(NamedTuple):
-    """A kernel as a function that procedures call. `function` is its address or a Python function.
+    """A kernel in the form in which procedures call it. `function` is a machine address or a Python function.
 
     `numbers` are the kernel's parameters, followed by all values that depend only on them.
     """
@@ -98,56 +98,56 @@ class BoundCall(Protocol):
 
     @property
     def is_final(self) -> bool:
-        """True if the code of the procedure will not be compiled again."""
+        """True if the present code of the procedure will not be replaced by optimized code."""
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments by name. Arrays and records are not copied. None means no array or no function.
+        """Set arguments of the procedure by name. Arrays and records are not copied.
 
-        Names that the procedure does not have are ignored.
+        The value None passes no array or no function. Names that are not parameters of the procedure are ignored.
         """
 
     def __call__(self) -> Any:
         """Run the procedure with the arguments set before; return None, a value or a tuple of values."""
 
     def count(self, steps: int) -> bool:
-        """Add `steps` to the count of steps. Return True when optimized code replaces the quickly compiled code."""
+        """Count `steps` more steps. Return True if optimized code has now replaced the quickly compiled code."""
 
 
 class LoadedProcedure(Protocol):
-    """A procedure that a machine has loaded."""
+    """A procedure in the form in which a machine runs it: machine code or a Python function."""
 
     def __call__(self, *args: Any) -> Any:
         """Run the procedure with arguments in the order of its parameters; return None, a value or several values."""
 
     def bound(self) -> BoundCall:
-        """Return memory for arguments, with which the procedure can be called again and again."""
+        """Return an object that stores arguments of the procedure, for many calls in which few arguments change."""
 
 
 class Driver(Protocol):
-    """Advances a run by many steps, with compiled code if the machine has a compiler."""
+    """Advances a run by the steps of one method. One call of `advance` takes many steps."""
 
     def adopt(self, state: DriverState) -> None:
-        """Make the state's vector y a view of the driver's memory if this avoids copies.
+        """Make the array `state.y` a view of the driver's memory if this avoids copies.
 
-        The entries of y are lost then.
+        The old entries of y are lost then.
         """
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps of a run from `state`, which is changed, and return an outcome.
+        """Try up to `budget` steps of a run from `state`, and return the reason why the steps stopped.
 
-        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n). On return `state` is at
-        the last accepted step, and its count ROWS is the number of rows written. `rows` needs four spare doubles after
-        its last row, because machines write whole vectors.
+        If the run records its steps, their times and states are written to `times` (c,) and `rows` (c, 2n), c at least
+        `budget`. On return `state` is at the end of the last accepted step, and `state.count(state.ROWS)` is the number
+        of rows written. `rows` needs four spare doubles after its last row, because machines write whole vectors.
         """
 
 
 class BlockPolynomial(NamedTuple):
-    """A callback that writes the polynomials of a block of steps, with the data that its caller needs.
+    """A callback that writes the dense output polynomials of a block of `columns` steps, and data for its calls.
 
-    `function` is an address or a Python function, and `context` its first argument. A block has `columns` steps, in
-    the layout that the procedure `gather` writes. The coefficient of power k and entry j for step b is written to
-    index (k * 2n + j) * columns + b. If `both` is true, the callback also needs the neighbouring steps. `work` is the
-    number of doubles of working memory. `kept` holds objects that must exist as long as `function` is used.
+    `function` is a machine address or a Python function of the type `POLYNOMIAL` (lagrange/algorithm/dense/block.py),
+    and `context` is its first argument. The coefficient of power k and state entry j for step b is written to index
+    (k * 2n + j) * columns + b. If `both` is true, the callback also reads a neighbouring step of each step. `work` is
+    the number of doubles of work memory. `kept` holds objects that must exist as long as `function` is used.
     """
 
     function: Any
@@ -159,9 +159,10 @@ class BlockPolynomial(NamedTuple):
 
 
 class DensePath(Protocol):
-    """The dense output of runs: polynomials of steps, for one method, right-hand side and set of parameters.
+    """The dense output of runs: a polynomial on each step, for one method, right-hand side and set of parameters.
 
-    A run is its accepted times (S+1,) and states (S+1, 2n). Step i leads from row i to row i + 1.
+    Methods take a run as the times (S+1,) and states (S+1, 2n) of its accepted steps. Step i leads from row i to row
+    i + 1.
     """
 
     @property
@@ -174,85 +175,87 @@ class DensePath(Protocol):
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
         """Return the polynomial coefficients (degree + 1, 2n, k) of the k steps with the indices `steps`.
 
-        The variable is the fraction of the step, 0 to 1.
+        The variable of each polynomial is the fraction of its step, from 0 to 1.
         """
 
     def at(self, times: FloatArray, states: FloatArray, requested_times: FloatArray, out: FloatArray) -> None:
         """Write the states of a run at `requested_times` (K,) to `out` (2n, K), whose rows are contiguous.
 
-        `times` and `states` are the accepted ones of the run. The requested times are sorted in its direction. At an
-        accepted time the accepted state is written. If two accepted steps have the same time, the later one counts.
+        `times` and `states` are those of the accepted steps. The requested times are sorted in the direction of the
+        run. At the time of an accepted state exactly this state is written. Of two accepted states at the same time,
+        the later one is written.
         """
 
 
 class Series(Protocol):
-    """A Taylor series program ready to run. Its `parameters` (k + sides,) end with the sides of the switching surfaces.
+    """The Taylor series of a motion on one machine: its coefficients at a state, and its steps.
 
-    A side is the sign of a surface's function.
+    `parameters` (k + s,) are k parameters of the model, then the sides of the s switching surfaces. A side is the
+    sign of a surface's function.
     """
 
     @property
     def program(self) -> SeriesProgram:
-        """The program of the series."""
+        """The program that states how the coefficients are computed."""
 
     def form(self, order: int) -> str:
-        """Return the words of a run's summary for the code that computes the series of an `order`."""
+        """Return words for the printed summary of a run, such as "in loops": the form of the code for an `order`."""
 
     def order(self, tolerance: float) -> int:
-        """Return the order that reaches a relative tolerance at the lowest cost."""
+        """Return the order of the series with which a run to a relative tolerance costs least."""
 
     def code(self, order: int) -> SeriesCode:
         """Return the loaded code that computes the series up to an order, and takes Taylor steps."""
 
     def dense(self, order: int, parameters: FloatArray) -> DensePath:
-        """Return the dense output of Taylor steps of an order, for one set of parameters (k + sides,)."""
+        """Return the dense output of Taylor steps of an order, for one set of parameters (k + s,)."""
 
     @property
     def values(self) -> Kernel:
-        """The kernel of the switching surfaces and event functions, with the parameters of the series."""
+        """The kernel that evaluates the switching surfaces and event functions. It takes the series' parameters."""
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the scaled Taylor coefficients at a state (2n,). Row k has the coefficients of order k times scale**k.
 
-        The result has shape (order + 1, 2n + watched), with the event functions and switching surfaces last. Raises
-        SingularMassMatrix.
+        The result has shape (order + 1, 2n + w). The last w columns belong to the w switching surfaces and event
+        functions. Raises SingularMassMatrix.
         """
 
 
 class SeriesCode(Protocol):
-    """A Taylor series at one order on a machine, with the loop over its steps."""
+    """Code that computes a Taylor series at one order, and the loop that takes steps with this series."""
 
     program: SeriesProgram
 
     @property
     def layout(self) -> TaylorLayout:
-        """The layout of the series in memory."""
+        """The layout in memory of the Taylor coefficients and of the work array of the loop."""
 
     @property
     def function(self) -> Any:
-        """The function that computes the Taylor coefficients at a state, as an address or a Python function."""
+        """The function that computes the Taylor coefficients at a state: a machine address or a Python function."""
 
     @property
     def loop(self) -> LoadedProcedure:
-        """The loop over Taylor steps: the procedure `taylor_steps`."""
+        """The procedure that takes Taylor steps in a loop and calls `function` for each of them."""
 
     def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
-        """Return one array with all numbers that a run needs, and the lengths of its three parts.
+        """Return one array of all numbers that are constant along a run, and the lengths of its parts.
 
-        The parts are the parameters of the series with all values that depend only on them, the constants, and the
-        parameters of the event functions. `values` is the kernel of the event functions, or None. Raises
-        SingularMassMatrix.
+        The parts are the parameters of the series with all values that depend only on them, constants of the code, and
+        the parameters of the event functions with the values that depend only on these. `values` is the kernel of the
+        event functions, or None without events. Raises SingularMassMatrix.
         """
 
     @property
     def is_final(self) -> bool:
-        """True if the code of the series will not be compiled again."""
+        """True if the present code of the series will not be replaced by optimized code."""
 
     def count(self, steps: int) -> bool:
-        """Add `steps` to the count of steps. Return True when optimized code replaces the quickly compiled code."""
+        """Count `steps` more steps. Return True if optimized code has now replaced the quickly compiled code."""
 
     def load(self, program: Program) -> Kernel:
-        """Return the kernel of a program."""
+        """Return the kernel of a program on the machine of the series."""
 
 
 class Machine(Protocol):
@@ -260,28 +263,29 @@ class Machine(Protocol):
 
     @property
     def name(self) -> str:
-        """The name of the back end, as `System.compile` takes it."""
+        """The name of the back end, "llvm" or "numpy", as users pass it to `System.compile`."""
 
     def load(self, program: Program) -> Kernel:
-        """Return a kernel for a program, compiled or interpreted."""
+        """Return the kernel of a program on this machine: compiled, printed as Python, or interpreted."""
 
     def series(self, program: SeriesProgram) -> Series:
-        """Return a series program that is ready to run."""
+        """Return the Taylor series that `program` states, compiled or interpreted on this machine."""
 
     def called(self, procedure: Procedure) -> LoadedProcedure:
         """Load a procedure and return it, ready to be called. A procedure is loaded once per process."""
 
     def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[LoadedProcedure, Layout]:
-        """Return the loop over the steps of a method, and its layout in memory.
+        """Return the procedure that takes steps of a method in a loop, and the layout of its work array.
 
-        `step` is one step as a program, `law` the program that it calls. With `projected`, each state is projected
-        onto the constraints.
+        `step` states one step of the method, and `law` is the program that steps evaluate, such as the right-hand side.
+        With `projected`, each new state is projected onto the constraints.
         """
 
     def callback(self, kernel: Any, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return a kernel as a function on arrays that procedures call. Raises SingularMassMatrix.
+        """Return a kernel as a callback for procedures, with fixed `parameters` (k,). Raises SingularMassMatrix.
 
-        With `of_steps` the function has the signature by which a loop over steps calls the right-hand side.
+        `of_steps` is True if a loop over steps calls it as its right-hand side. In machine code such a callback may
+        take a small state in registers. All other callbacks take arrays.
         """
 
     def dense(self, kind: StepPolynomial, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> DensePath:
@@ -299,20 +303,20 @@ class Machine(Protocol):
         dense: DensePath,
         screen: DensePath | None,
     ) -> EventSteps | None:
-        """Return a function that takes steps and finds events, or None if the caller has to find the events.
+        """Return a function that takes steps and finds events on them, or None if the caller has to find them.
 
-        `driver` takes the steps, `events` evaluates the event functions, and `resets` the new entries of the state
-        after resets. `dense` is the dense output of the steps. `screen` is a cheaper dense output; with it `dense` is
-        used only for steps where `screen` cannot decide whether an event occurred. After None the caller searches
-        many steps at once.
+        If the result is None, the caller takes many steps and then searches them for events. `driver` takes the steps.
+        `events` evaluates the event functions, and `resets` the new values of state entries at events. `dense` is the
+        dense output of the steps. `screen` is a cheaper dense output, or None. With `screen`, `dense` is used only for
+        steps where `screen` cannot exclude an event.
         """
 
     @property
     def processor(self) -> str:
-        """Name of the processor that code is compiled for; empty if nothing is compiled."""
+        """Name of the processor that code is compiled for; "" if the machine compiles nothing."""
 
     def members(self, procedure: Procedure) -> MemberRuns | None:
-        """Compile a procedure that runs members of an ensemble, such as `lagrange.algorithm.members.queue`.
+        """Compile a procedure that runs members of an ensemble, as the modules in lagrange/algorithm/members build it.
 
         Return None if the machine does not run members in parallel lanes.
         """
@@ -328,13 +332,14 @@ class MemberRuns(Protocol):
     def __call__(self, arguments: Mapping[str, Any]) -> None:
         """Run the members of an ensemble, with the procedure's `arguments` by name.
 
-        Arrays are C-contiguous, of doubles or 64-bit integers. Python's interpreter lock is released meanwhile.
+        Array arguments are C-contiguous and have doubles or 64-bit integers. Results are written to some of them.
+        Python's interpreter lock is released during the call.
         """
 
 
 @runtime_checkable
 class KernelProvider(Protocol):
-    """Creates the kernels of a model from its equations, on one machine."""
+    """An object from which a model gets its kernels: it creates them from the equations, for one machine."""
 
     @property
     def machine(self) -> Machine:
@@ -344,13 +349,16 @@ class KernelProvider(Protocol):
         """Return the kernel of a quantity of the system, such as "rhs" or "energy"."""
 
     def interpreted(self, name: str) -> Kernel:
-        """Return a kernel of a quantity without compilation, which would take longer than a few evaluations."""
+        """Return the kernel of a quantity such as "rhs" without compiling it: faster for a few evaluations."""
 
     def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
         """Return a kernel that evaluates nodes of the equations' graph from t, q and v. `name` is its name in code."""
 
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
-        """Return the Taylor series of the motion and of the `watched` nodes, and the switching surfaces."""
+        """Return the Taylor series of the motion and of the `watched` nodes, and the switching surfaces.
+
+        `watched` are event functions as nodes of the equations' graph.
+        """
 
     @property
     def rebuild(self) -> Callable[..., Any]:
@@ -371,7 +379,7 @@ class Shared:
 
 
 class UnpickledKernel(Shared):
-    """A kernel from a pickle: its program, compiled on first use."""
+    """A kernel restored from a pickle, which contains only its program. `load` compiles the program on first use."""
 
     def __init__(self, load: Callable[[Program], Kernel], program: Program) -> None:
         self._load, self.program = load, program
@@ -398,9 +406,9 @@ class UnpickledKernel(Shared):
 
 
 class Quick(dict[str, QuickCalls]):
-    """Fast functions that evaluate the quantities of a model at one state, by name, for the default parameters.
+    """A dict {name of a quantity of a model: its fast functions for one state, with the default parameters}.
 
-    The functions are created on first use. For a quantity without such functions, both functions return None.
+    The functions are created on first use. If a quantity has no fast functions, its two functions return None.
     """
 
     def __init__(self, kernel: Callable[[str], Kernel], parameters: Callable[[], FloatArray]) -> None:
@@ -417,9 +425,9 @@ class Quick(dict[str, QuickCalls]):
 
 
 def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatArray], FloatArray]:
-    """Return a kernel as a function of a time and one state (2n,). Quick calls are used if the kernel has them.
+    """Return a kernel as a function of a time and one state (2n,), by the fast functions of the kernel if it has them.
 
-    The state must be a plain array of doubles. Raises SingularMassMatrix, here and in calls.
+    The state must be a plain array of doubles. SingularMassMatrix may be raised here and by the returned function.
     """
     quick = kernel.quick(parameters)
     if quick is None:
@@ -434,7 +442,7 @@ def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatA
 
 
 def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> FloatArray | None:
-    """Return the result of a kernel at one state y by its fast function.
+    """Return the result of a kernel at time t and one state y (2n,), computed by its fast function (`QuickCalls`).
 
     Return None if the kernel has no such function or the result is not finite.
     """
@@ -443,10 +451,7 @@ def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> 
 
 
 def nothing(*_: Any) -> None:
-    """Return None, for any arguments. Used in place of a fast function of a kernel that has none.
-
-    The caller then evaluates the kernel itself.
-    """
+    """Return None for any arguments, in place of a fast function, so that the caller evaluates the kernel itself."""
 
 
 def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
@@ -464,13 +469,14 @@ def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
 
 
 FEW_ENTRIES = 64
-"""Largest number of entries that Python sums faster than NumPy, whose two calls take 1 us."""
+"""Largest length of an array that `surely_finite` tests by a sum in Python. Two calls of NumPy would take 1 us."""
 
 
 def surely_finite(array: FloatArray) -> bool:
-    """Return True if every entry is finite. Return False if not, or if the sum of a short array overflows.
+    """Return True only if every entry is finite. The result may be False for a short array of huge finite entries.
 
-    A short array is added in Python: NumPy would warn of an overflow, and public functions give no warnings.
+    A short array is tested by the sum of its entries, which may overflow. Python adds them, because NumPy would warn of
+    an overflow, and public functions give no warnings.
     """
     if array.size <= FEW_ENTRIES:
         return math.isfinite(sum(array.ravel().tolist()))

@@ -29,16 +29,16 @@ from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
 
 TAYLOR_EVENT_ROOM = 4096
-"""Least number of events that the memory holds before the loop returns. The memory is large enough for all events of
-one step.
+"""Least number of events for which an `EventMemory` has room. If one step may have more events, it has more room. The
+loop over steps returns when the memory is full.
 """
 
 
 @lru_cache(maxsize=64)
 def _tilts(dimension: int) -> FloatArray:
-    """Return the factors (2n + 1,) near 1 by which the state and the time are multiplied to estimate rounding noise.
+    """Return factors (2n + 1,) near 1 for the 2n entries of the state and the time.
 
-    The noise of an event function is estimated from its change.
+    The rounding noise of an event function is estimated from its change when state and time are multiplied by them.
     """
     return np.asarray(1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1))
 
@@ -47,9 +47,9 @@ def _tilts(dimension: int) -> FloatArray:
 def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
     """Return the settings of all watched functions (events and surfaces) as one read-only array of integers.
 
-    `reactions` has one entry for each function. The array has a block for each setting, such as the direction that
-    counts, and a block has one entry for each function. The indices of the state's entries that resets replace follow
-    after the blocks.
+    `reactions` has one entry for each function. The array has a block for each setting, such as the direction in which
+    a zero counts as an event. A block has one entry for each function. After the blocks come the indices of the state
+    entries that resets replace.
     """
     rows = [(r.direction, r.terminal, r.first, len(r.entries), int(r.root), int(r.smooth)) for r in reactions]
     settings = [x for block in zip(*rows, strict=True) for x in block]
@@ -59,12 +59,13 @@ def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
 
 
 class EventMemory:
-    """Memory of a Taylor run for its watched functions, and for the events found since the last call.
+    """Memory in which the loop over Taylor steps tracks its watched functions, and the events that it has found.
 
-    Watched functions are the `surfaces` switching surfaces, then the event functions. `values` is the kernel that
-    evaluates them from the state, the parameters and the sides of the surfaces. The side of a surface is the sign of
-    its function, 1 or -1. `resets` is the kernel that computes the new entries of all resets from the state and the
-    parameters (k,).
+    Watched functions are the `surfaces` switching surfaces (a number), then the event functions, whose effects
+    `reactions` states. `dimension` is the length of a state. `values` is the kernel that evaluates the functions from
+    the state, the parameters and the sides of the surfaces. The side of a surface is the sign of its function, 1 or
+    -1. `resets` is the kernel that computes the new state entries of all resets from the state and the `parameters`
+    (k,).
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class EventMemory:
         self._start = bytes(self.record), self.combinations.copy()
 
     def restart(self) -> None:
-        """Prepare another run: no events, and unknown signs of the switching surfaces."""
+        """Prepare the memory for another run: remove all events, and set the signs of all functions to unknown."""
         record, combinations = self._start
         ctypes.memmove(ctypes.addressof(self.record), record, len(record))
         self.combinations[:] = combinations
@@ -112,10 +113,11 @@ class EventMemory:
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def store_sides(self, sides: FloatArray, size: int) -> int:
-        """Store the sides (signs, 1.0 or -1.0) of the switching surfaces. Return the index of their block of numbers.
+        """Make `sides` (s,) the present sides of the switching surfaces. Return the index of their block of numbers.
 
-        The numbers of a series depend on the parameters and on the sides. The driver has one array for them, with a
-        block of `size` numbers for each combination of sides. If `combination` returns -1, the first block is used.
+        Some numbers that the code reads depend on the parameters and on the sides. The driver has one array for them,
+        with a block of `size` numbers for each combination of sides, and a first block for combinations that have no
+        number because `combination` returns -1.
         """
         self.record.combination = self.combination(sides)
         self.record.numbers = (1 + self.record.combination) * size
@@ -149,10 +151,10 @@ class EventMemory:
         return list(zip(self.switch_rows[:count].tolist(), self.switch_combinations[:count].tolist(), strict=True))
 
     def __getattr__(self, name: str) -> NDArray[np.int64]:
-        """Return the part `name` of an integer array of the memory, with one entry for each watched function.
+        """Return part `name` of the integer arrays `sides` and `whole_scratch`: an entry for each watched function.
 
-        `PARTS` maps names to parts of the arrays `sides` and `whole_scratch`. For example, `signs` has the signs of
-        the functions, and `event_counts` the numbers of their events.
+        For example, the part `signs` has the signs of the functions, and `event_counts` the numbers of their events.
+        `PARTS` lists the names. Raises AttributeError for other names.
         """
         array, begin = PARTS.get(name, ("", 0))
         if array not in ("sides", "whole_scratch"):
@@ -161,7 +163,7 @@ class EventMemory:
         return block
 
     def zeros_now(self) -> list[tuple[int, int]]:
-        """Return the watched functions that are zero at the present state, as pairs (index, direction).
+        """Return pairs (index, direction) of the watched functions that are zero at the present state.
 
         The direction is 1 or -1 for a change of sign, and 0 for a function that touches zero. The list is empty
         unless one of these zeros resets the state, crosses a switching surface, or ends the run.
@@ -170,7 +172,7 @@ class EventMemory:
 
     @property
     def mark(self) -> tuple[int, float, float]:
-        """Number of events in memory, and the times of the first and the last. They identify the batch of events."""
+        """Mark by which a caller recognizes a batch of events: their number, and the times of the first and last."""
         count = self.record.done
         return count, float(self.times[0]), float(self.times[count - 1])
 
@@ -179,7 +181,7 @@ class EventMemory:
         self.record.done = self.record.ahead = 0
 
     def written(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Return times (k,) and states (k, 2n) of the events in memory, a pair for each watched function."""
+        """Return, for each watched function, the times (k,) and states (k, 2n) of its k events in memory."""
         count, size = self.record.done, self._dimension
         times, states = self.times[:count], self.states[: count * size].reshape(count, size)
         if self.count == 1:
@@ -194,10 +196,11 @@ class EventMemory:
 
 
 class StepDriver:
-    """Advances a run by the steps of a method, given as a step program (implements `Driver`).
+    """Advances a run by steps of a method that is given as the step program `step` (implements `Driver`).
 
-    It serves one right-hand side and one set of parameters. The driver's work array has the data of Newton's method,
-    such as matrices.
+    It serves one right-hand side, `kernel`, and one set of parameters. `jacobian` is the derivative of `kernel`, for
+    Newton's method in implicit methods. `projection` computes corrections of a state onto the constraints. Both may be
+    None. The driver's work array keeps the matrices of Newton's method from step to step.
     """
 
     def __init__(
@@ -216,7 +219,7 @@ class StepDriver:
         n = layout.dimension // 2
         second = layout.width if step.states == 2 else n
         self._entries = np.array([*range(n), *range(second, second + n)])
-        """Indices of the entries of the state in the work array: one vector, or coordinates and velocities."""
+        """Indices (2n,) of the state's entries in the work array, where q and v may be separate, padded vectors."""
         self._kernels = kernel, jacobian, projection
         law = machine.callback(kernel, parameters, of_steps=True)
         self._call.give(law=law.function, parameters=law.numbers, work=self._work)
@@ -234,14 +237,14 @@ class StepDriver:
         for i, solve in enumerate(() if step.starter is None else layout.starting.solves):
             self._call.give(**{f"starters_{i}": self._record(NEWTON, layout.end + solve.flags)})
         self._budget: int | None = None
-        """The budget of steps that the loop has for calls without rows, or None if its arguments may have changed."""
+        """Largest number of steps that was last passed to the loop, or None if its arguments must be passed again."""
         self._state: DriverState | None = None
         self._function: StepFunction | None = None
 
     def _record(self, record: Record, index: int) -> Any:
-        """Return the record of type `record` that begins at index `index` of the driver's work array.
+        """Return part of the driver's work array, from index `index` on, as a structure of named numbers.
 
-        A record is a structure of named numbers. It shares memory with the array.
+        `record` is the type of the structure, which shares memory with the array.
         """
         memory: Any = self._work
         return record.structure.from_buffer(memory, 8 * index)
@@ -250,7 +253,7 @@ class StepDriver:
         """Do nothing. Only a driver by Taylor series replaces the array `state.y` by its own."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps of a run, and return why the loop over steps stopped."""
+        """Try up to `budget` steps; write accepted ones to `times` (c,) and `rows` (c, 2n). Return why they stopped."""
         self._work[self._entries] = state.y
         self._use(state)
         if state.integers[DriverState.RECORD]:
@@ -268,15 +271,15 @@ class StepDriver:
         return outcome
 
     def _use(self, state: DriverState) -> None:
-        """Advance the run `state` from now on: pass its arrays to the loop over steps."""
+        """Pass the arrays of `state` to the loop over steps, unless the loop already has the arrays of this run."""
         if state is not self._state:
             self._state = state
             self._call.give(**state.records())
 
     def function(self, state: DriverState) -> StepFunction:
-        """Return the compiled function that takes steps of a state, which another compiled loop calls.
+        """Return the compiled function by which another compiled loop lets this driver take steps of the run `state`.
 
-        After many steps the result is another function, with optimized code.
+        After many steps the result changes: it is then a function with optimized code.
         """
         self._use(state)
         self._budget = None
@@ -286,16 +289,16 @@ class StepDriver:
         return self._function
 
     def count(self, steps: int) -> None:
-        """Add `steps` steps to the count of steps. After many steps, optimized code is compiled and used."""
+        """Add `steps` to the number of steps taken. After many steps, optimized code is compiled and used."""
         if self._call.count(steps):
             self._function = None
 
 
 def numbers_of(step: StepProgram, scalars: Program, t: float, h: float, ratio: float) -> dict[Node, float]:
-    """Return the value of every coefficient of a step at time t with step size h, by the coefficient's node.
+    """Return {graph node: its value} for the coefficients of the step program `step` at time t with step size h.
 
-    `ratio` is h divided by the previous step size. `scalars` is the program that computes all coefficients; it is
-    built once for many steps.
+    A coefficient, such as h/6, multiplies a vector of the step. `ratio` is h divided by the previous step size.
+    `scalars` is the program that computes all coefficients; it is built once for many steps.
     """
     values = FLOATS.evaluate(scalars, t, [h, ratio], [])
     return dict(zip(step.numbers, map(float, values), strict=True))
@@ -306,15 +309,14 @@ WATCHED = (
     *((name, name) for name in ("scratch", "whole_scratch")),
     *((f"event_{name}", name) for name in ("times", "states", "places")),
 )
-"""The arrays of an `EventMemory`: the name of each as an argument of the loop, and as an attribute."""
+"""Arrays of an `EventMemory`: pairs of the name as an argument of the loop over steps, and the name as an attribute."""
 
 
 class SeriesDriver:
-    """Advances a run by Taylor steps (implements `Driver`).
+    """Advances a run by Taylor steps of one `order` (implements `Driver`).
 
-    The parameters may change during a run. The parameters are an array (k + s,): k parameters of the model, then
-    one entry for each of the s switching surfaces. This entry is the sign of the surface's function, 1.0 or -1.0,
-    or 0.0 if the motion stays on the surface.
+    `parameters` (k + s,) are k parameters of the model, then one entry for each of the s switching surfaces. This
+    entry is the sign of the surface's function, 1.0 or -1.0, or 0.0 if the motion stays on the surface.
     """
 
     def __init__(self, machine: Machine, code: SeriesCode, order: int, parameters: FloatArray) -> None:
@@ -323,7 +325,7 @@ class SeriesDriver:
         self._y = self._work[: code.layout.dimension]
         self._call.give(jet=code.function, work=self._work, held=HELD.structure(), order=order)
         self._budget: int | None = None
-        """The budget of calls without rows."""
+        """Largest number of steps that was last passed to the loop, or None if it must be passed again."""
         self._is_final = False
         self._state: DriverState | None = None
         self._outputs: Outputs | None = None
@@ -358,10 +360,11 @@ class SeriesDriver:
         self._numbers[offset : offset + len(numbers)] = numbers
 
     def _point(self, numbers: FloatArray, sizes: Sequence[int]) -> None:
-        """Pass parts of the array `numbers` to the loop over steps: `prepared`, `constants` and `value_numbers`.
+        """Pass parts of `numbers` to the loop over steps as its arguments `prepared`, `constants` and `value_numbers`.
 
-        The parts follow one another and have the lengths `sizes`. `prepared` begins with the parameters.
-        `value_numbers` are the numbers that the kernel of the event functions reads.
+        The parts follow one another, with the lengths `sizes`. `prepared` has the parameters and the values that depend
+        only on them. `constants` are other numbers of the series. `value_numbers` are read by the kernel of the event
+        functions.
         """
         begin = 0
         for name, size in zip(("prepared", "constants", "value_numbers"), sizes, strict=False):
@@ -369,9 +372,9 @@ class SeriesDriver:
             begin += size
 
     def watch(self, memory: EventMemory) -> None:
-        """Find zeros of event functions and switching surfaces from now on.
+        """Let the loop over steps search for zeros of the event functions and switching surfaces of `memory`.
 
-        `memory` lists these functions. The loop over steps writes the events that it finds to `memory`.
+        The loop writes the events that it finds to `memory`.
         """
         self._memory, self._numbers, code = memory, None, self._code
         self._call.give(watch=memory.record, sizes=code.layout.sizes)
@@ -385,9 +388,9 @@ class SeriesDriver:
             self._call.give(resets=callback.function, reset_numbers=callback.numbers)
 
     def restart(self, state: DriverState) -> None:
-        """Set the carried rounding errors of the state to zero, because the state has jumped.
+        """Set the rounding errors of the state's entries to zero, because the state has jumped.
 
-        The loop carries them from step to step by compensated sums.
+        The loop carries these errors from step to step, for compensated sums.
         """
         layout = self._code.layout
         self._work[layout.lost : layout.lost + layout.padded] = 0.0
@@ -398,7 +401,7 @@ class SeriesDriver:
         state.y = self._y
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps of a run, and return why the loop over steps stopped."""
+        """Try up to `budget` steps; write accepted ones to `times` (c,) and `rows` (c, 2n). Return why they stopped."""
         if state is not self._state:
             self._state = state
             if self._memory is None and self._code.layout.watched:
@@ -430,7 +433,7 @@ class SeriesDriver:
         return outcome
 
     def _count(self, steps: int) -> None:
-        """Add `steps` steps to the count of steps. After many steps, optimized code is compiled and used."""
+        """Add `steps` to the number of steps taken. After many steps, optimized code is compiled and used."""
         self._call.count(steps)
         if self._code.count(steps):
             self._call.give(jet=self._code.function)

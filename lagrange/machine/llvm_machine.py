@@ -37,13 +37,13 @@ EVENT_ARRAYS = (
     *("times", "states", "sign", "near", "direction", "remaining", "zero_sizes", "arrivals", "which", "when", "there"),
     *("settings", "break_rows", "break_times", "break_states", "kept_reals", "kept_counts"),
 )
-"""Arguments of the loop, by name, that are arrays of a `StepEventMemory`."""
+"""Names of the arrays of a `StepEventMemory` that are arguments of the loop `event_steps`."""
 
 
 class LlvmEventSteps:
-    """Compiled loop that takes steps of a driver and finds events on them, for one set of parameters.
+    """Function that takes steps by `driver` and finds events on them, in one compiled loop, for one set of parameters.
 
-    A call takes the state of the run, the memory of events, and two arrays that receive accepted times and states.
+    It has the type `EventSteps`. `Machine.event_steps` describes the arguments with which it is created.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class LlvmEventSteps:
         screen: DensePath | None,
     ) -> None:
         self._driver, self._written = driver, dense.polynomial()
-        # Implicit methods take long steps: a cubic through the ends of a step is not a safe screen for them.
+        # Implicit methods take long steps, on which a cubic through both ends cannot exclude an event.
         screens = screen is not None and not self._written.both
         self._screen = screen.polynomial() if screen is not None and screens else self._written
         self._kernel = kernel = cached_kernel(events)
@@ -100,11 +100,11 @@ class LlvmEventSteps:
         self._state: DriverState | None = None
 
     def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
-        """Take steps of a run and find the events on them. Return the code of the reason to stop.
+        """Take steps of the run `state` and find the events on them. Return the reason to stop as a number.
 
         The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n); c is their capacity. The
-        code is an `Outcome` of the driver, `NEEDS_REVIEW` if a step is irregular, or `READ_EVENTS` if the arrays of
-        `memory` are full.
+        result is an `Outcome` of the driver, `NEEDS_REVIEW` if zeros on a step cannot be resolved, so that the caller
+        must search it, or `READ_EVENTS` if the arrays of `memory` are full.
         """
         if memory is not self._memory:
             self._memory = memory
@@ -150,12 +150,12 @@ class MembersCode:
 
 
 def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False, by_value: bool = True) -> Layout:
-    """Return the layout in memory of the vectors of a step program, each padded to whole blocks of numbers.
+    """Return the layout of the work array of a step program, whose vectors are padded to whole blocks of numbers.
 
-    `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints. `by_value`
-    is true if the right-hand side that steps evaluate may take a small state in registers.
+    `dimension` is the length 2n of a state. `projected` is True if new states are projected onto the constraints.
+    `by_value` is True if the right-hand side that steps evaluate may take a small state in registers.
     """
-    # A right-hand side of three vectors has too many numbers for registers.
+    # A right-hand side that takes three vectors has too many numbers for registers.
     small = by_value and fit(dimension) and LAWS[step.law].inputs <= 2
     return Layout(step, dimension, block=STORED_TOGETHER, in_registers=small, projected=projected)
 
@@ -164,14 +164,17 @@ def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False, b
 def compiled_loop(
     step: StepProgram, dimension: int, projected: bool, by_value: bool
 ) -> tuple[CompiledProcedure, Layout]:
-    """Return the compiled loop over the steps of a method, and its layout, by the arguments of `loop_layout`."""
+    """Return the compiled loop that takes steps of a method, and the layout of its work array.
+
+    `projected` is True if new states are projected onto constraints, `by_value` if registers may pass a small state.
+    """
     layout = loop_layout(step, dimension, projected=projected, by_value=by_value)
     return CompiledProcedure(steps_of(layout), tiers=True, optimize=True), layout
 
 
 @dataclass(frozen=True)
 class LlvmMachine:
-    """The back end that compiles programs to machine code of this processor with LLVM."""
+    """The back end that compiles programs to machine code of this processor with LLVM (implements `Machine`)."""
 
     name: str = "llvm"
 
@@ -183,16 +186,22 @@ class LlvmMachine:
             raise RunError(f"LLVM could not compile {program.name}: {error}. Use target='numpy'.") from error
 
     def series(self, program: SeriesProgram) -> LlvmSeries:
-        """Return a program of Taylor series as callable machine code. Each order is compiled at its first use."""
+        """Return the Taylor series that `program` states, in machine code. Each order is compiled at its first use."""
         return LlvmSeries(program)
 
     def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[CompiledProcedure, Layout]:
-        """Return the compiled loop over the steps of a method, and the layout of its vectors in memory."""
+        """Return the compiled loop over steps of a method, and the layout of its work array.
+
+        Steps evaluate the program `law`. With `projected` each new state is projected onto the constraints.
+        """
         dimension = LAWS[step.law].dimension(law.states)
         return compiled_loop(step, dimension, projected, by_value=bool(law.returned))
 
     def callback(self, kernel: LlvmKernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return the address of a kernel for calls from compiled code, and the array of numbers that it reads."""
+        """Return the address of a kernel, for calls from compiled code, and the array of parameters that it reads.
+
+        With `of_steps` it is the address for a loop over steps. This function may take a small state in registers.
+        """
         return Callback(kernel.law_address if of_steps else kernel.address, kernel.prepare(parameters))
 
     def called(self, procedure: Procedure) -> CompiledProcedure:
@@ -201,7 +210,7 @@ class LlvmMachine:
 
     @property
     def processor(self) -> str:
-        """Text with the name of this processor in LLVM, and the number of doubles in its vectors."""
+        """The name of this processor in LLVM, and the number of doubles in its vectors, as one text."""
         return processor()
 
     def members(self, procedure: Procedure) -> MembersCode:
@@ -211,7 +220,10 @@ class LlvmMachine:
     def dense(
         self, kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
     ) -> LlvmDense:
-        """Return the dense output of steps: the polynomial on each step, compiled at its first use."""
+        """Return the dense output of steps by the step polynomial `kind`, compiled at its first use.
+
+        `kernel` is the right-hand side, and `jacobian` its derivative, or None.
+        """
         polynomial = partial(of_steps, kind, kernel, parameters, jacobian)
         return LlvmDense(kernel.program.states, kind.degree, polynomial)
 
@@ -224,7 +236,10 @@ class LlvmMachine:
         dense: DensePath,
         screen: DensePath | None,
     ) -> LlvmEventSteps | None:
-        """Return the compiled loop that takes steps and finds events, or None if a constant mass matrix is singular."""
+        """Return the compiled loop that takes steps and finds events, or None if a constant mass matrix is singular.
+
+        `Machine.event_steps` describes the arguments.
+        """
         try:
             return LlvmEventSteps(driver, events, resets, parameters, dense, screen)
         except SingularMassMatrix:

@@ -64,9 +64,9 @@ from lagrange.program.series import SeriesProgram
 
 @lru_cache(maxsize=64)
 def compiled_polynomial(procedure: Procedure) -> Module:
-    """Return the compiled module of a procedure that writes polynomials.
+    """Return the machine code of a procedure that writes the dense output polynomials of steps.
 
-    The module has the function `polynomial`, which calls the procedure.
+    The code has the function `polynomial`, of the type `POLYNOMIAL`, which calls the procedure.
     """
     context_size = len(procedure.parameters) - len(POLYNOMIAL.parameters) + 1
     e = Emitter()
@@ -82,7 +82,7 @@ def compiled_polynomial(procedure: Procedure) -> Module:
 
 @cache
 def inversion() -> Module:
-    """Return the module that inverts a matrix for each of many states, compiled once per process."""
+    """Return the machine code of `invert_columns`, which inverts many matrices, compiled once per process."""
     return Module(module([invert_columns.form()]), merge=True)
 
 
@@ -99,7 +99,7 @@ class LlvmDense:
     polynomial: Callable[[], BlockPolynomial]
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the coefficients (degree + 1, 2n, k) of the polynomials on the k steps with the indices `steps`."""
+        """Return the polynomial coefficients (degree + 1, 2n, k) of k steps of a run, those with indices `steps`."""
         n, count = self.dimension, len(steps)
         if (written := self._written()) is None:
             return np.full((self.degree + 1, n, count), np.nan)
@@ -112,7 +112,7 @@ class LlvmDense:
         return np.moveaxis(c, 0, 2).reshape(self.degree + 1, n, -1)[:, :, :count]
 
     def at(self, times: FloatArray, states: FloatArray, requested_times: FloatArray, out: FloatArray) -> None:
-        """Write the states of a run at `requested_times` (K,) to `out` (2n, K)."""
+        """Write the states at `requested_times` (K,) of a run with accepted `times` and `states` to `out` (2n, K)."""
         if (written := self._written()) is None:
             out[:] = np.nan
             return
@@ -133,11 +133,11 @@ class LlvmDense:
     def _run(
         self, procedure: Procedure, polynomial: BlockPolynomial, times: FloatArray, states: FloatArray, **arguments: Any
     ) -> None:
-        """Run a compiled procedure on the steps of a run with accepted `times` (S+1,) and `states` (S+1, 2n).
+        """Run `procedure` on the steps of a run with accepted `times` (S+1,) and `states` (S+1, 2n).
 
-        `polynomial` is the callback that writes the polynomials of steps. `arguments` are the other arguments of the
-        procedure by name; it writes its results to them. The procedure serves all kinds of steps, and is compiled
-        once per process.
+        The procedure evaluates the dense output. It calls `polynomial`, the callback that writes the polynomials of
+        steps. `arguments` are its other arguments by name; it writes its results to some of them. It serves all kinds
+        of steps, and is compiled once per process.
         """
         n, columns = self.dimension, polynomial.columns
         values = {
@@ -161,10 +161,10 @@ class LlvmDense:
 def of_steps(
     kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None
 ) -> BlockPolynomial:
-    """Return the callback that writes the polynomials of steps, with the addresses of the kernels that it calls.
+    """Return the callback that writes the dense output polynomials of steps, with the data that it reads.
 
-    `kind` says how the polynomial follows from the ends of a step. `kernel` is the right-hand side and `jacobian` its
-    derivative, None if the polynomial does not need it.
+    `kind` states how the polynomial follows from the two ends of a step. `kernel` is the right-hand side and `jacobian`
+    its derivative, None if the polynomial does not need it. The callback calls both with the given `parameters`.
     """
     code, n = compiled_polynomial(kind.procedure), kernel.program.states
     references: list[Any] = [code, kind.table]
@@ -184,7 +184,10 @@ _SERIES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *([
 
 
 class LlvmSeries(Shared):
-    """A Taylor series program in machine code: unrolled for each order requested, or in loops that serve all orders."""
+    """The Taylor series of a motion in machine code (implements `Series`).
+
+    The code of a small series is unrolled, for each order separately. That of a large one has loops for all orders.
+    """
 
     def __init__(self, program: SeriesProgram) -> None:
         self.program = program
@@ -198,7 +201,7 @@ class LlvmSeries(Shared):
         return LlvmSeries, (self.program,)
 
     def form(self, order: int) -> str:
-        """Return "written out" for code without loops, else "in loops"."""
+        """Return "written out" if the code for an `order` has no loops, else "in loops"."""
         return "in loops" if self._is_large(order) else "written out"
 
     def order(self, tolerance: float) -> int:
@@ -206,7 +209,7 @@ class LlvmSeries(Shared):
         return self._order(tolerance)
 
     def code(self, order: int) -> CompiledJet:
-        """Return the machine code that computes the series up to an order, compiled at the first request."""
+        """Return the machine code that computes the series up to an `order`, compiled at the first request."""
         key = 0 if self._is_large(order) else order
         if key not in self._compiled:
             with refused():
@@ -220,11 +223,11 @@ class LlvmSeries(Shared):
             return cached_kernel(self.program.values)
 
     def dense(self, order: int, parameters: FloatArray) -> LlvmDense:
-        """Return the dense output of Taylor steps of an order: the Taylor polynomial on each step."""
+        """Return the dense output of Taylor steps of an `order`: the Taylor polynomial of this order on each step."""
         return LlvmDense(self.program.states, order, partial(self.polynomial, order, parameters))
 
     def polynomial(self, order: int, parameters: FloatArray) -> BlockPolynomial:
-        """Return the callback that writes the polynomials of a block of Taylor steps, for one set of parameters."""
+        """Return the callback that writes the Taylor polynomials of steps of an `order`, for one set of parameters."""
         jet, code = self.code(order), compiled_polynomial(series_polynomial.form())
         numbers, layout = jet.numbers(parameters), jet.layout
         words = [jet.address, *map(address, numbers), order, layout.width, layout.padded, layout.dimension]
@@ -232,13 +235,13 @@ class LlvmSeries(Shared):
         return BlockPolynomial(code.address("polynomial"), context, 1, work, both=False, kept=(code, numbers))
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the scaled Taylor coefficients of the motion at a state y (2n,), with order k in row k."""
+        """Return the Taylor coefficients at a state y (2n,). Row k has those of order k, times `scale`**k."""
         return self.code(order).rows(order, t, y, scale, parameters)
 
 
 @contextmanager
 def refused() -> Iterator[None]:
-    """Context that turns an error of LLVM into a RunError, whose message advises to use the numpy machine."""
+    """Context manager that turns an error of LLVM into a RunError, whose message advises to use target="numpy"."""
     try:
         yield
     except RuntimeError as error:
@@ -246,7 +249,10 @@ def refused() -> Iterator[None]:
 
 
 class CompiledJet:
-    """Machine code that computes a Taylor series up to one order, or up to any order by loops (order 0)."""
+    """Machine code that computes a Taylor series up to one `order`, or by loops up to any order if `order` is 0.
+
+    It implements `SeriesCode`. `packing` states how the operations of the series are joined to vector operations.
+    """
 
     def __init__(self, packing: Packing, order: int) -> None:
         self.program = packing.program
@@ -258,7 +264,7 @@ class CompiledJet:
         else:
             jet = ByOrderJet(packing, self._numbers, self.layout)
         ir = series_ir(jet.build(), self._numbers.prepare_start("prepare_start"))
-        # Code with loops serves all orders and is slow if compiled quickly: it has no tiers.
+        # Code with loops serves all orders, and is slow without optimization. So it is optimized from the start.
         self.module = TieredModule(ir) if order else Module(ir)
         self._prepare = _PREPARE(self.module.address("prepare_start"))
         self._prepared: tuple[bytes, tuple[FloatArray, FloatArray]] | None = None
@@ -266,7 +272,7 @@ class CompiledJet:
 
     @property
     def ir(self) -> str:
-        """The LLVM IR of the series."""
+        """The LLVM IR of the function that computes the series."""
         return self.module.ir
 
     @property
@@ -288,11 +294,11 @@ class CompiledJet:
 
     @property
     def is_final(self) -> bool:
-        """True if the code will not be compiled again."""
+        """True if the present code will not be replaced by optimized code."""
         return self.module.is_final
 
     def count(self, steps: int) -> bool:
-        """Count `steps` more steps. Return True if optimized code replaces the quickly compiled code from now on."""
+        """Count `steps` more steps. Return True if optimized code has now replaced the quickly compiled code."""
         return not self.module.is_final and self.module.count(steps)
 
     def load(self, program: Program) -> LlvmKernel:
@@ -320,7 +326,11 @@ class CompiledJet:
         return numbers
 
     def joined(self, parameters: FloatArray, values: Any) -> tuple[FloatArray, list[int]]:
-        """Return one array of all numbers that a run reads, and the lengths of its parts. The result is cached."""
+        """Return one array of all numbers that are constant along a run, and the lengths of its parts, from a cache.
+
+        The parts are the two arrays of `numbers`, then the parameters of `values`, the kernel of the event functions,
+        with all values that depend only on them. There is no third part if `values` is None.
+        """
         key, known = (parameters.tobytes(), values), self._joined
         if known is None or known[0] != key:
             parts = [*self.numbers(parameters), *([] if values is None else [values.prepare(parameters)])]
@@ -328,7 +338,7 @@ class CompiledJet:
         return known[1]
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the scaled Taylor coefficients at a state (2n,), with order k in row k. Raises SingularMassMatrix."""
+        """Return Taylor coefficients at y (2n,), row k those of order k times `scale`**k. Raises SingularMassMatrix."""
         layout, numbers = self.layout, self.numbers(parameters)
         work = np.zeros(layout.size(order))
         state = np.zeros(2 * layout.padded)
@@ -339,9 +349,10 @@ class CompiledJet:
 
 
 def layout_of(packing: Packing, order: int) -> TaylorLayout:
-    """Return the layout in memory of a series of one order. Order 0 means code that loops over orders.
+    """Return the layout in memory of the coefficients of a series, for code of one `order`.
 
-    `packing` says how values with the same rule are joined to vectors.
+    `order` 0 means code that loops over orders. `packing` states how values that are computed by the same rule are
+    joined to vectors.
     """
     program = packing.program
     block = 2 if program.states <= 2 else 4 if program.states <= 4 else 8
@@ -352,10 +363,10 @@ def layout_of(packing: Packing, order: int) -> TaylorLayout:
 
 
 def series_ir(jet: Procedure, prepare: Procedure) -> str:
-    """Return the IR of a module with the two procedures of a series.
+    """Return the LLVM IR of a module with the two procedures of a series, `jet` and `prepare`.
 
-    `jet` computes the Taylor coefficients. `prepare` computes the numbers that depend only on parameters. Procedures
-    of other modules that they call are compiled first.
+    `jet` computes the Taylor coefficients. `prepare` computes the numbers that depend only on parameters. Both may call
+    solvers of linear systems, which are in other modules. These are compiled first.
     """
     called = dict.fromkeys((*prepare.callees, *jet.callees))
     if invert.form() in called:
@@ -367,12 +378,12 @@ def series_ir(jet: Procedure, prepare: Procedure) -> str:
 
 
 _BUILDING = threading.RLock()
-"""Lock for building and linking a loop, so that two threads do not do it twice."""
+"""Lock of the compilation of the loop over Taylor steps, so that two threads do not compile the same code."""
 
 
 @lru_cache(maxsize=64)
 def compiled_steps(layout: TaylorLayout) -> CompiledProcedure:
-    """Return the compiled loop over Taylor steps, for series with a given layout in memory."""
+    """Return the compiled loop that takes Taylor steps, for all series whose coefficients have this `layout`."""
     with _BUILDING:
         loop = taylor_steps.form(layout=layout)
         if not layout.watched:
@@ -381,14 +392,14 @@ def compiled_steps(layout: TaylorLayout) -> CompiledProcedure:
 
 
 def event_procedures() -> tuple[Procedure, ...]:
-    """Return the procedures that find events and crossings of switching surfaces on Taylor steps."""
+    """Return the procedures by which the loop over Taylor steps finds events and crosses switching surfaces."""
     return inspect_step.form(), begin_sides.form(), reset_state.form(), cross_surface.form()
 
 
 def link_events(*, well: bool) -> None:
-    """Compile the procedures that find events on Taylor steps, and make them known to modules loaded later.
+    """Compile the procedures of `event_procedures`, so that modules loaded later can call them.
 
-    With `well` they are optimized. Otherwise they are compiled quickly, unless this was done before.
+    With `well` they are optimized. Otherwise they are compiled quickly, but only if no version exists yet.
     """
     with _BUILDING:
         if well or not _events.cache_info().currsize:
@@ -397,7 +408,7 @@ def link_events(*, well: bool) -> None:
 
 @cache
 def _events(well: bool) -> Module:
-    """Compile the procedures that find events on Taylor steps, and register their addresses by name.
+    """Compile the procedures of `event_procedures`, register their addresses by name, and return their module.
 
     With `well` they are optimized, otherwise compiled quickly.
     """

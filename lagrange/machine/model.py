@@ -42,36 +42,37 @@ from lagrange.statement.expression import one_of, real_array, real_number, text,
 from lagrange.statement.statement import Statement
 
 State = tuple[FloatArray, FloatArray]
-"""Coordinates and velocities, (n,) each or (n, batch)."""
+"""Type of a pair of the coordinates q and the velocities v, both (n,) for one state, or (n, batch) for many."""
 
 FUNCTIONS_KEPT = 64
-"""Largest number of cached functions of events and expressions."""
+"""Largest number of kernels of user expressions, such as event functions, that a model caches."""
 
 SERIES_KEPT = 16
-"""Largest number of cached series with events, in addition to the series without events. Each takes some 2 MB of
-machine code.
+"""Largest number of Taylor series with event functions that a model caches, in addition to the series without events.
+Each takes some 2 MB of machine code.
 """
 
 UNSET = 1e-2
-"""A velocity of zero counts as not given if it violates its equation of first order by more than this fraction of the
-terms. Steps at loose tolerances violate the equation by some 1e-3.
+"""Largest residual of an equation of first order, as a fraction of its terms, at which a velocity of zero is accepted.
+Above it the velocity counts as missing in the state. Steps at loose tolerances cause residuals of some 1e-3.
 """
 
 RATES = ("rhs", "accelerations", "jacobian", "multipliers")
-"""Quantities that depend on the velocities of coordinates of first order. A state with zeros for these velocities is
-refused.
+"""Quantities that depend on the velocities of coordinates without inertia. A state in which such a velocity is zero and
+contradicts its equation is refused.
 """
 
 NO_QUANTITY = "{given} is not a quantity of a model: they are {known}."
 
 
 class Model:
-    """A system compiled for one machine. Kernels are compiled at their first use.
+    """A system compiled for one machine. The kernel of each quantity is compiled at its first use.
 
     Coordinates and velocities are arrays (n,), or (n, batch) for many states at once; a state y is [q, v],
     (2n,) or (2n, batch). Units are those of the statement. `parameters` is a dict by symbol or name, which replaces
-    some of the statement's defaults, or all values (k,), or (k, batch) with one column for each state. Methods raise
-    StatementError for wrong shapes and missing or unknown parameters, and RunError where the mass matrix is singular.
+    some of the statement's defaults, or an array of all values (k,), or (k, batch) with one column for each state.
+    Methods raise StatementError for wrong shapes and missing or unknown parameters, and RunError where the mass matrix
+    is singular.
     """
 
     def __init__(self, statement: Statement, equations: Equations, made: KernelProvider) -> None:
@@ -83,7 +84,7 @@ class Model:
         self._series: dict[tuple[Node, ...], tuple[Series, Switched]] = {}
         self._quick_rhs: Callable[[Any, Any], FloatArray | None] = self._first_rhs
         self.prepared: dict[Any, Any] = {}
-        """Cache of objects that one run prepares for later runs, by key."""
+        """Cache of objects, such as drivers, that a run prepares and that later runs of the model use again."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return self._made.rebuild, (self.statement,)
@@ -117,16 +118,16 @@ class Model:
 
     @property
     def conservative(self) -> bool:
-        """True if the equations conserve the energy."""
+        """True if the structure of the equations shows that they conserve the energy."""
         return self.equations.structure.conservative
 
     def kernel(self, name: str) -> Kernel:
-        """Return the kernel of a quantity by name, compiled at its first use.
+        """Return the kernel of the quantity `name`, a function of numbers that is compiled at its first use.
 
         The names are rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian, forces and bias (h in M
-        a = h), and for a system with m constraints multipliers, constraint_forces (m, n), constraints (phi, then
-        dphi/dt), constraint_gradient (m, n), which is G, and constraint_bias, gamma of G a + gamma = 0. On the llvm
-        target a kernel has an `address` to call from compiled code.
+        a = h). A system with m constraints also has multipliers, constraint_forces (m, n), constraints (phi, then
+        dphi/dt), constraint_gradient G (m, n), and constraint_bias (gamma in G a + gamma = 0). On the llvm target a
+        kernel has an `address` to call from compiled code.
         """
         if not isinstance(name, str) or name not in self._kernels:
             one_of(name, quantities_of(self.equations), NO_QUANTITY)
@@ -134,18 +135,15 @@ class Model:
         return self._kernels[name]
 
     def law(self, name: str) -> Kernel:
-        """Return the kernel of a quantity that the steps of methods evaluate, by its name, such as "rhs".
+        """Return the kernel of the quantity `name`, for the steps of methods.
 
-        The name is one that `kernel` accepts, or one of `LAW_QUANTITIES`, such as "constrained", which only steps
-        evaluate. Some of these also take the multipliers of the constraints as inputs.
+        The name is one that `kernel` accepts, such as "rhs", or one of `LAW_QUANTITIES`, such as "constrained", which
+        only steps evaluate. Some of the latter also take the multipliers of the constraints as inputs.
         """
         return self._law(name) if isinstance(name, str) and name in LAW_QUANTITIES else self.kernel(name)
 
     def interpreted(self, name: str) -> Kernel:
-        """Return an uncompiled kernel of the quantity `name`, whose instructions are interpreted.
-
-        For a few states this is faster than compilation.
-        """
+        """Return an uncompiled, interpreted kernel of the quantity `name`, which is faster for a few evaluations."""
         one_of(name, quantities_of(self.equations), NO_QUANTITY)
         return self._made.interpreted(name)
 
@@ -173,9 +171,9 @@ class Model:
     def series(self, watched: tuple[Node, ...] = ()) -> tuple[Series, Switched]:
         """Return the Taylor series of the motion on this machine, and its switching surfaces, built at the first use.
 
-        `watched` are nodes of the equations' graph, such as event functions. The series also computes their
-        coefficients, after those of the surfaces. The last few series are cached, by `watched`: two event expressions
-        that differ in a constant have different series.
+        `watched` are nodes of the equations' graph, such as event functions. The series also computes their Taylor
+        coefficients, after those of the surfaces. The last few series are cached. Event functions that differ only in a
+        constant are different `watched` nodes, and have different series.
         """
         watched = _nodes(watched)
         if watched not in self._series:
@@ -187,22 +185,23 @@ class Model:
 
     @cached_property
     def square_roots(self) -> Mapping[Node, Node]:
-        """The square roots in momenta and forces: a mapping from each root to a power of its radicand, both nodes."""
+        """{root: power of its radicand} for the square roots in momenta and forces, as `square_roots_in` returns."""
         return self.square_roots_in((*self.equations.momenta, *self.equations.forces))
 
     def square_roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
         """Return {square root of the base: power} for the fractional powers in `nodes`. Keys and values are nodes.
 
-        A Taylor series is valid up to a zero of the base, and its coefficients do not show this zero: sqrt(x**2)
-        continues as x. A root in a branch that is not taken counts as 1. Powers of positions with exponents up to -1,
-        as in gravity, are left out: where their base is zero, the forces are infinite, and steps become short.
+        A Taylor series is valid only up to a zero of the base, which its coefficients do not show: that of sqrt(x**2)
+        continues as x. Therefore runs search for zeros of these roots. A root in a branch that is not taken counts as
+        1. Powers of positions with exponents up to -1, as in gravity, are left out: where their base is zero, the
+        forces are infinite, and steps become short.
         """
         return square_roots(self.equations.graph, _nodes(nodes))
 
     def accelerations(
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> FloatArray:
-        """Return the generalized accelerations, (n,) or (n, batch)."""
+        """Return the generalized accelerations d2q/dt2, (n,) or (n, batch)."""
         if parameters is None:
             derivative = self._quick["rhs"].parts(t, q, v)
             if derivative is not None:
@@ -215,17 +214,17 @@ class Model:
     def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,).
 
-        Velocities of coordinates without inertia follow from their equations, whatever y has instead. If an equation is
-        nonlinear in them, y must have them: for zeros StatementError is raised, here and in `accelerations`,
-        `jacobian` and `multipliers`.
+        Velocities of coordinates without inertia follow from their equations, whatever values y has for them. If an
+        equation is nonlinear in them, y must have the right values: zeros that contradict the equation raise
+        StatementError, here and in `accelerations`, `jacobian` and `multipliers`.
         """
         derivative = self._quick_rhs(t, y) if parameters is None else None
         return self._run("rhs", t, self._checked_state(y), parameters) if derivative is None else derivative
 
     def _first_rhs(self, t: Any, y: Any) -> FloatArray | None:
-        """Return dy/dt by a quick call, which checks its arguments itself; None if it cannot take them.
+        """Return dy/dt by a fast function, or None if this function does not accept the arguments.
 
-        This method serves the first evaluation only. Later ones use the quick call directly.
+        This method serves the first evaluation only. It stores the fast function, which later evaluations call.
         """
         self._quick_rhs = self._quick["rhs"].whole
         return self._quick_rhs(t, y)
@@ -233,7 +232,7 @@ class Model:
     def _check_rates(self, t: float | ArrayLike, state: State, parameters: Parameters) -> None:
         """Raise StatementError if the velocity of a coordinate without inertia is 0 and contradicts its equation.
 
-        This concerns equations that are not linear in these velocities: a state must contain the velocities.
+        It is called for systems whose equations are not linear in these velocities, so that states must contain them.
         """
         rows = list(self.equations.first_order)
         relations = self.equations.constraints.velocities[-len(rows) :]
@@ -249,7 +248,7 @@ class Model:
             )
 
     def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
-        """Return d rhs / d y, (2n, 2n), or (2n, 2n, batch)."""
+        """Return the derivative of the right-hand side dy/dt by the state y, (2n, 2n), or (2n, 2n, batch)."""
         matrix = self._quick["jacobian"].whole(t, y) if parameters is None else None
         return self._run("jacobian", t, self._checked_state(y), parameters) if matrix is None else matrix
 
@@ -258,8 +257,9 @@ class Model:
     ) -> FloatArray:
         """Return M = d2L/dv2, (n, n), or (n, n, batch).
 
-        M does not depend on v if L is quadratic in v. If it does, as for the relativistic -m*c*sqrt(c**2 - v**2), v
-        must be given, in the shape of q: StatementError names the velocities that M depends on.
+        If L is quadratic in v, M does not depend on v, which may then be None. If M depends on v, as for the
+        relativistic L = -m*c*sqrt(c**2 - v**2), v must be given in the shape of q. Otherwise StatementError is raised,
+        and names the velocities that M depends on.
         """
         if v is not None:
             return self._run("mass_matrix", t, self._state(q, v), parameters)
@@ -284,10 +284,10 @@ class Model:
     def multipliers(
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> FloatArray:
-        """Return the multipliers of the constraints in their order, (m,) or (m, batch).
+        """Return the multipliers lambda of the m constraints, in the order of the statement, (m,) or (m, batch).
 
-        Constraint i exerts the generalized forces lambda_i dpsi_i/dv, where psi is the constraint on the velocities.
-        Raises StatementError for a system without constraints.
+        Constraint i exerts the generalized forces lambda_i dpsi_i/dv, where psi_i(q, v, t) = 0 is the constraint on the
+        velocities. Raises StatementError for a system without constraints.
         """
         if not self.statement.constraints:
             raise StatementError(f"{self.statement.name} has no constraints, and so no multipliers.")
@@ -296,9 +296,9 @@ class Model:
     def evaluate(
         self, name: str, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> Any:
-        """Return the quantity `name` at a state, for any name that `kernel` accepts.
+        """Return the value of the quantity `name` at a state (q, v), for any name that `kernel` accepts.
 
-        For a batch of states, the last axis of the result counts the states.
+        For a batch of states, the last axis of the result has one entry for each state.
         """
         return scalar(self._of_parts(text(name, "name"), t, q, v, parameters))
 
@@ -314,16 +314,19 @@ class Model:
         return np.asarray(self._call(kernel, t, self._checked_state(y), parameters)[0])
 
     def called(self, kernel: Kernel, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
-        """Return the results of a kernel of this model at time t, for a state y (2n,) or many states (2n, batch).
+        """Return the result of a kernel of this model at time t, for a state y (2n,) or many states (2n, batch).
 
-        The results of many states have one more axis, the last, which counts the states.
+        For many states the result has one more axis, the last, with one entry for each state.
         """
         if not isinstance(kernel, Kernel):
             raise StatementError(f"{shown(kernel)} is not a kernel: give model.kernel(name).")
         return self._call(kernel, t, self._checked_state(y), parameters)
 
     def parameter_values(self, given: Mapping[Any, Any] | None = None) -> dict[Any, float]:
-        """Return a value for every parameter: the defaults, replaced by the values `given` by symbol or name."""
+        """Return {symbol: value} for every parameter: from the dict `given` if it is there, else the default.
+
+        Keys of `given` are symbols or names. None means only defaults.
+        """
         return self._values.by_symbol(given)
 
     def parameter_array(self, given: Parameters = None) -> FloatArray:
@@ -334,9 +337,10 @@ class Model:
         return self._values.array(given)
 
     def with_defaults(self, parameters: Mapping[Any, Any]) -> Self:
-        """Return the model with other default values of parameters, by symbol or name; compiled kernels are shared.
+        """Return a copy of the model with other default values of parameters. It shares the compiled kernels.
 
-        Raises StatementError for an unknown parameter, and for a parameter without a value.
+        `parameters` maps symbols or names to the new values. Raises StatementError for an unknown parameter, and for a
+        parameter without a value.
         """
         values = MappingProxyType(self.parameter_values(parameters))
         model = type(self)(replace(self.statement, defaults=values), self.equations, self._made)
@@ -356,9 +360,9 @@ class Model:
         return self._made.rebuild(statement, rows)
 
     def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray:
-        """Return the quantity `name` at (t, q, v).
+        """Return the value of the quantity `name` at time t and the state (q, v).
 
-        For one plain state with the default parameters a quick call is used, which checks its arguments itself.
+        For one state as plain arrays, with the default parameters, a fast function of the kernel is used.
         """
         if parameters is None:
             value = self._quick[name].parts(t, q, v)
@@ -369,7 +373,7 @@ class Model:
     @cached_property
     def _quick(self) -> Quick:
         quick = Quick(self.kernel, self.parameter_array)
-        # Quick calls check no velocities.
+        # These quantities have no fast functions: the velocities in the state must be checked first.
         quick |= dict.fromkeys(RATES if self.equations.unsettled else (), QuickCalls(nothing, nothing))
         return quick
 
@@ -396,7 +400,10 @@ class Model:
         return result
 
     def _time(self, t: float | ArrayLike, q: FloatArray) -> float | FloatArray:
-        """Return the time as a float for one state q (n,), or as a float or an array (batch,) for many states."""
+        """Return the checked time t: a float, or an array (batch,) if the user gives one time for each state.
+
+        Raises StatementError if the shape of an array does not fit the coordinates q, (n,) or (n, batch).
+        """
         if type(t) is float and math.isfinite(t):
             return t
         if not isinstance(t, (list, tuple)) and not (isinstance(t, np.ndarray) and t.ndim):
@@ -411,7 +418,7 @@ class Model:
 
     @cached_property
     def _velocities_in_mass(self) -> tuple[str, ...]:
-        """The velocities that the mass matrix depends on, as the user's expressions name them."""
+        """Names of the velocities that the mass matrix depends on, in the notation of the user's expressions."""
         rows = sorted({i.place for i in self.kernel("mass_matrix").program.instructions if i.op == "state"})
         return tuple(self.layout.names(".dot")[row] for row in rows if row >= self.layout.v.start)
 
@@ -436,9 +443,9 @@ class Model:
     ) -> int | None:
         """Return the index of the first state of a batch in which an uncoupled coordinate has zero inertia, or None.
 
-        A coordinate is uncoupled if the mass matrix couples it to no other. For one state, q (n,), the index is 0.
-        Callers use the result to explain accelerations that are not finite. If the inertia cancels in the formula of
-        an acceleration, the acceleration is finite nevertheless.
+        A coordinate is uncoupled if the mass matrix couples it to no other. For a single state, with q and v (n,), the
+        index is 0. Callers use the result to explain an acceleration that is not finite. A zero inertia does not always
+        cause one, since the inertia may cancel in the formula of the acceleration.
         """
         (q, v), values = self._state(q, v), self.parameter_array(parameters)
         t = self._time(t, q)
@@ -454,9 +461,9 @@ class Model:
     def singular_message(
         self, t: float | FloatArray, q: FloatArray, column: int | None = None, parameters: Parameters = None
     ) -> str:
-        """Return the message that says why accelerations do not exist at coordinates q, (n,) or (n, batch).
+        """Return the error message that explains why accelerations do not exist at coordinates q, (n,) or (n, batch).
 
-        For a batch, `column` is the index of the state whose accelerations do not exist. None means a single state.
+        In a batch, `column` is the index of the state whose accelerations do not exist. For a single state it is None.
         """
         q = real_array(q, "q")
         if q.ndim not in (1, 2) or not q.size:
@@ -496,7 +503,7 @@ class Model:
 
 
 MOST_NODES = 10_000_000
-"""Largest number of nodes in a list. The iteration over a list of a user's class may be endless."""
+"""Largest number of nodes that are read from a user's list, because iteration over a user's subclass may be endless."""
 
 
 def _nodes(candidates: Iterable[Any]) -> tuple[Node, ...]:
@@ -511,16 +518,16 @@ def _nodes(candidates: Iterable[Any]) -> tuple[Node, ...]:
 
 @runtime_checkable
 class Stated(Protocol):
-    """Protocol of the class `lagrange.System`, for functions that take a system or build one."""
+    """Interface of the class `lagrange.System`, for modules that take or build a system but do not import the class."""
 
     statement: Statement
 
     @classmethod
     def from_statement(cls, statement: Statement) -> Self:
-        """Return the system of a checked statement."""
+        """Return the system that a checked statement describes."""
 
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
-        """Return the model of the system, compiled for a target. If `check`, its accelerations are tested."""
+        """Return the model of the system on a target, "llvm" or "numpy". With `check` its accelerations are tested."""
 
     def derivation(self) -> Derivation:
         """Return the textbook derivation of the equations of motion."""
@@ -529,8 +536,7 @@ class Stated(Protocol):
 def stated(system: Any, example: str) -> Statement:
     """Return the statement of `system`, which is a system or a model.
 
-    Raises StatementError for other objects. The error message suggests a built-in system, the scene with the name
-    `example`.
+    Raises StatementError for other objects. The error message gives an example of a system: the scene named `example`.
     """
     if not isinstance(system, (Stated, Model)):
         raise StatementError(f"{shown(system)} is not a system: give an lg.System, such as lg.scene({example!r}).")

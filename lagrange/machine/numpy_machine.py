@@ -37,16 +37,15 @@ from lagrange.program.series import SeriesProgram
 from lagrange.program.step import LAWS, StepProgram
 
 STEPS_PER_BLOCK, TIMES_PER_BLOCK = 1024, 16384
-"""Bounds on memory: the largest number of steps in a block, and the largest number of times evaluated at once."""
-
+"""Bounds of the memory of dense output: largest numbers of steps, and of output times, that are computed at once."""
 
 SHORT_BLOCK = 16
-"""Largest number of entries of a block for which the procedure is printed for numbers, not for arrays. An operation on
-a short array takes as long as twenty operations on numbers.
+"""Largest size of a block of steps (number of steps times length of a state) whose polynomials are computed number by
+number. Larger blocks are computed by operations on arrays. One such operation takes as long as twenty on numbers.
 """
 
 NONE = np.empty(0).data
-"""Placeholder for an array that is not used."""
+"""Argument passed for an array that the called procedure does not use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +65,7 @@ class NumpyDense:
     write: Callable[..., None]
 
     def polynomial(self) -> BlockPolynomial:
-        """Return the callback that writes the polynomials of a block of steps."""
+        """Return the callback that writes the polynomials of a block of steps, for printed procedures."""
 
         def write(_: Any, columns: int, *arrays: Any) -> None:
             block, neighbours, work, out = (
@@ -77,7 +76,7 @@ class NumpyDense:
         return BlockPolynomial(write, np.empty(0).data, WIDEST_VECTOR, self.size(WIDEST_VECTOR), self.both, ())
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the coefficients (degree + 1, 2n, k) of the polynomials on the k steps with the indices `steps`."""
+        """Return the polynomial coefficients (degree + 1, 2n, k) of k steps of a run, those with indices `steps`."""
         coefficients = np.empty((self.degree + 1, self.dimension, len(steps)))
         for low in range(0, len(steps), STEPS_PER_BLOCK):
             part = slice(low, low + STEPS_PER_BLOCK)
@@ -85,7 +84,7 @@ class NumpyDense:
         return coefficients
 
     def at(self, times: FloatArray, states: FloatArray, requested_times: FloatArray, out: FloatArray) -> None:
-        """Write the states of a run at `requested_times` (K,) to `out` (2n, K)."""
+        """Write the states at `requested_times` (K,) of a run with accepted `times` and `states` to `out` (2n, K)."""
         sign = 1.0 if times[-1] >= times[0] else -1.0
         step_of = np.searchsorted(sign * times, sign * requested_times, side="right") - 1
         step_of = np.clip(step_of, 0, len(times) - 2)
@@ -102,9 +101,9 @@ class NumpyDense:
                 out[:, part][:, exact] = states[rows[exact]].T
 
     def _block(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the coefficients (degree + 1, 2n, K) of the polynomials on one block of K steps.
+        """Return the coefficients (degree + 1, 2n, k) of the polynomials on a block of k steps, all computed at once.
 
-        `steps` are the indices of the steps. The run has accepted times `times` (S+1,) and states `states` (S+1, 2n).
+        `steps` are the indices of the steps. The run has the accepted `times` (S+1,) and `states` (S+1, 2n).
         """
         n, count = self.dimension, len(steps)
         out = np.empty((self.degree + 1) * n * count)
@@ -126,11 +125,11 @@ def write_steps(
     columns: int,
     *arrays: FloatArray,
 ) -> None:
-    """Write the polynomials of a block of `columns` steps by the printed procedure for their `kind`.
+    """Write the dense output polynomials of a block of `columns` steps, computed in Python.
 
-    `kind` says how the polynomial follows from the ends of a step. `kernel` is the right-hand side and `jacobian` its
-    derivative or None. The four `arrays` are the steps of the block, a neighbouring step of each, work memory, and
-    the coefficients, which are written.
+    `kind` states how the polynomial follows from the two ends of a step. `kernel` is the right-hand side and `jacobian`
+    its derivative or None. The four `arrays` are the steps of the block, a neighbouring step of each, work memory, and
+    the array to which the coefficients are written.
     """
     law, n = _by_columns(kernel, parameters), kernel.program.states
     derivative = None if jacobian is None else _by_columns(jacobian, parameters)
@@ -141,11 +140,11 @@ def write_steps(
 
 
 def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
-    """Return a function for printed procedures that evaluates a kernel at many states.
+    """Return a function of the type `COLUMNS`, by which printed procedures evaluate a kernel at many states.
 
     Its arguments are the number of states, their times, coordinates and velocities (one column for each state), an
     unused argument, and the array that receives the results. Results at a singular mass matrix are NaN. The
-    function returns -1.
+    function always returns -1: no column needs treatment by the caller.
     """
     half = kernel.program.states // 2
 
@@ -159,10 +158,10 @@ def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
 
 
 def _invert(order: int, columns: int, a: Any, _: Any) -> None:
-    """Invert a matrix of size `order` for each of `columns` columns. An inverse is NaN if its matrix is singular.
+    """Invert `columns` matrices of size `order`. The inverse of a singular matrix is NaN.
 
-    `a` is a flat array of shape (order, 2 order, columns). Its left half has the matrices. The inverses are written
-    to its right half.
+    `a` is a flat array of shape (order, 2 order, columns). Its part [:, :order] has the matrices. The inverses are
+    written to the part [:, order:].
     """
     both = np.asarray(a)[: 2 * order * order * columns].reshape(order, 2 * order, columns)
     matrices = np.moveaxis(both[:, :order], -1, 0).copy()
@@ -189,11 +188,11 @@ def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray)
 
 
 def _gathered(times: FloatArray, states: FloatArray, steps: Places, side: FloatArray | float = 0.0) -> FloatArray:
-    """Return the steps with indices `steps` of a run as a flat block with one column for each step.
+    """Return the data of the steps with indices `steps`, as a flat array with one column for each step.
 
-    The rows are the start times, the lengths, `side`, and the states at the start and at the end. `side` is the
-    position of the step relative to the step that needs it as a neighbour: -1.0 before, 1.0 after, 0.0 if it is
-    this step itself. `times` (S+1,) and `states` (S+1, 2n) are those of the run.
+    The rows are the start times, the lengths, `side`, and the states at the start and at the end. If the steps are
+    neighbours of others, `side` is -1.0 for a neighbour before, 1.0 for one after, and 0.0 for none. Otherwise it is
+    0.0. `times` (S+1,) and `states` (S+1, 2n) are those of the run.
     """
     count = len(steps)
     block = np.empty(block_size(states.shape[1], count))
@@ -209,9 +208,10 @@ Numbers = NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Jet:
-    """The function that computes the Taylor coefficients of a motion, for one set of parameters.
+    """Computes the Taylor coefficients of a motion by interpreting its series program, for one set of parameters.
 
-    The parameters end with one number for each switching surface, the sign of its function.
+    `parameters` end with one number for each switching surface, the sign of its function. `arithmetic` is the type of
+    numbers: doubles, or numbers of mpmath.
     """
 
     program: SeriesProgram
@@ -253,9 +253,9 @@ class Jet:
 
     @cached_property
     def _with_systems(self) -> Arithmetic:
-        """The arithmetic of the numbers, with functions that factor matrices and solve linear systems.
+        """The arithmetic of the jet, with functions that factor matrices and solve linear systems.
 
-        These systems give accelerations and multipliers at order 0.
+        The linear systems are those for the accelerations and multipliers at the start of a step.
         """
 
         def factor(n: int, *triangle: Any) -> Eliminated:
@@ -272,14 +272,15 @@ class Jet:
 
     @cached_property
     def _constant(self) -> list[Eliminated | None]:
-        """The matrix of each linear system of the series after elimination, or None if the matrix is not constant."""
+        """The matrix of each linear system of the series after elimination; None for a matrix that is not constant."""
         entries = iter(self._table[len(self.program.numbers) :])
         return [None if stage.plan.moving else self._eliminated(stage.plan, entries) for stage in self.program.stages]
 
     def _eliminated(self, plan: SolvePlan, entries: Iterator[Any]) -> Eliminated:
         """Return the matrix (n, n) of a linear system after elimination.
 
-        `entries` yields the entries of the lower triangle that may differ from zero. Raises SingularMassMatrix.
+        `plan` lists the entries of its lower triangle that may differ from zero, and `entries` yields their values.
+        Raises SingularMassMatrix.
         """
         mass = symmetric(plan.size, plan.triangle, entries, self.arithmetic.dtype)
         if mass.dtype == float:
@@ -306,7 +307,7 @@ class Eliminated:
     """
 
     def __init__(self, matrix: Numbers) -> None:
-        """Eliminate the matrix (n, n). Raises SingularMassMatrix."""
+        """Bring a copy of `matrix` (n, n) to upper triangular form. Raises SingularMassMatrix if a pivot is zero."""
         self._upper = a = matrix.copy()
         self._rows: list[tuple[int, Numbers]] = []
         finite = a.dtype != float or bool(np.isfinite(a).all())
@@ -334,10 +335,11 @@ class Eliminated:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A Taylor coefficient to compute: the coefficient of value `i` at order `k`, by a rule of the series program.
+    """The data from which one Taylor coefficient is computed: that of order `k` of the value with index `i`.
 
-    `x` (orders, values) has all coefficients computed so far. `args` are the indices of the values that the rule
-    reads, and `constants` the constants of the rule. Coefficients of order k are multiplied by `scale`**k.
+    A rule of the series program computes each value from others. `x` (orders, values) has all coefficients computed so
+    far. `args` are the indices of the values that the rule reads, and `constants` the constants of the rule.
+    Coefficients of order k are multiplied by `scale`**k.
     """
 
     x: Numbers
@@ -349,7 +351,7 @@ class _Place:
 
     @property
     def u(self) -> Numbers:
-        """The Taylor coefficients of orders 0 to k of the value i that is computed. The last is not known yet."""
+        """The Taylor coefficients of orders 0 to k of the computed value itself. Its coefficient k is not known yet."""
         return self.x[: self.k + 1, self.i]
 
     def arg(self, which: int) -> Numbers:
@@ -375,9 +377,9 @@ def _sqrt(at: _Place) -> Any:
 
 
 def _flat(at: _Place) -> Any:
-    """Return a Taylor coefficient of a square root at a zero of its argument. `at` is the coefficient to compute.
+    """Return a Taylor coefficient of a root or power whose argument a is zero. `at` says which coefficient.
 
-    The result is 0 if the argument stays zero, and NaN if the argument changes.
+    The result of order k is 0 if the coefficient of a of order k is zero, else NaN: the root has no Taylor series.
     """
     return at.u[0] if at.arg(0)[-1] == 0 else at.u[0] + math.nan
 
@@ -410,11 +412,11 @@ COEFFICIENT: dict[str, Callable[[_Place], Any]] = {
     "against": _against,
     "choose": lambda at: at.arg(0 if at.constants[0] else 1)[-1],
 }
-"""Functions that compute the coefficient of order k of a value, by the name of its rule."""
+"""Functions that compute one Taylor coefficient of a value, by the name of the rule that defines the value."""
 
 
 class NumpySeries(Shared):
-    """A Taylor series program that is interpreted (implements `Series` and `SeriesCode`)."""
+    """The Taylor series of a motion, computed by an interpreter (implements `Series` and `SeriesCode`)."""
 
     is_final = True
 
@@ -427,7 +429,7 @@ class NumpySeries(Shared):
         return NumpySeries, (self.program,)
 
     def form(self, order: int) -> str:
-        """Return "interpreted", which a run's summary says of the series."""
+        """Return "interpreted", the word for this series in the printed summary of a run."""
         return "interpreted"
 
     def order(self, tolerance: float) -> int:
@@ -441,21 +443,24 @@ class NumpySeries(Shared):
 
     @cached_property
     def layout(self) -> TaylorLayout:
-        """The layout of the series in memory, which serves every order."""
+        """The layout in memory of the coefficients of the series, the same for every order."""
         return TaylorLayout.of(self.program)
 
     @property
     def loop(self) -> PrintedProcedure:
-        """The loop over Taylor steps, printed as Python."""
+        """The procedure that takes Taylor steps in a loop, printed as Python."""
         return called(taylor_steps.form(layout=self.layout))
 
     @property
     def function(self) -> Callable[..., bool]:
-        """The Python function that computes the Taylor coefficients, for the printed loop over steps."""
+        """The Python function by which the loop over steps computes the Taylor coefficients at a state."""
         return _between_arrays(self)
 
     def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
-        """Return the parameters twice, for the series and for the event functions, and the lengths of three parts."""
+        """Return the parameters twice in one array, for the series and for the event functions, and three lengths.
+
+        The lengths are those of the first part, of other constants (0, since there are none), and of the last part.
+        """
         return np.concatenate([parameters, parameters]), (len(parameters), 0, len(parameters))
 
     def count(self, steps: int) -> bool:
@@ -467,11 +472,11 @@ class NumpySeries(Shared):
         return kernel_in_python(program)
 
     def code(self, order: int) -> NumpySeries:
-        """Return this object, which serves every order."""
+        """Return this object, which computes coefficients of every order."""
         return self
 
     def dense(self, order: int, parameters: FloatArray) -> NumpyDense:
-        """Return the dense output of Taylor steps of an order: the Taylor polynomial on each step."""
+        """Return the dense output of Taylor steps of an `order`: the Taylor polynomial of this order on each step."""
         n = self.program.states
         size = partial(_work_size, 2 * n + (order + 1) * (n + len(self.program.watched)))
         write = partial(_write_polynomials, self, order, parameters)
@@ -480,9 +485,9 @@ class NumpySeries(Shared):
     def rows(
         self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray, low: FloatArray | None = None
     ) -> FloatArray:
-        """Return the scaled Taylor coefficients at the state y + `low`, as `Series.rows` does for the state y.
+        """Return the Taylor coefficients at the state y + `low`. Row k has those of order k, times `scale`**k.
 
-        `low` (2n,) is a correction below the rounding of y, None for zero.
+        `low` (2n,) is a correction below the rounding of y, or None for zero.
         """
         with np.errstate(all="ignore"):
             coefficients = self._jet(parameters).coefficients(t, y, order, scale, low)
@@ -500,15 +505,15 @@ class NumpySeries(Shared):
 
 
 def _work_size(size: int, _columns: int) -> int:
-    """Return the number of doubles of work memory for a block of steps: always `size`, for one step after the other."""
+    """Return `size`, the work memory in doubles for one step: the steps of a block are computed one after the other."""
     return size
 
 
 def _write_polynomials(series: NumpySeries, order: int, parameters: FloatArray, *arrays: Any) -> None:
-    """Write the polynomials of a block of Taylor steps of an order.
+    """Write the Taylor polynomials of an `order` on a block of steps.
 
-    The `arrays` are the number of steps, the steps, their neighbours (unused), work memory, and the coefficients, which
-    are written.
+    The `arrays` are the number of steps, the data of the steps, data of their neighbours (unused), work memory, and the
+    array to which the coefficients are written.
     """
     n, jet = series.program.states, _between_arrays(series)
     write = arrays_loaded(series_polynomial.form())
@@ -516,11 +521,11 @@ def _write_polynomials(series: NumpySeries, order: int, parameters: FloatArray, 
 
 
 def _between_arrays(series: NumpySeries) -> Callable[..., bool]:
-    """Return a series as a function for printed procedures, which computes Taylor coefficients into an array.
+    """Return a function by which printed procedures compute the Taylor coefficients of `series` into an array.
 
-    Its arguments are t, the scale, the state, the parameters, an unused array, the rows to write, and the order. The
-    array of the state has 2n entries, then their 2n rounding errors. The function returns True if a matrix is
-    singular.
+    Its arguments are t, the scale, the state, the parameters, an unused array, the array to which coefficients are
+    written (row k for order k), and the order. The array of the state has 2n entries, then their 2n rounding errors.
+    The function returns True if a matrix is singular, else False.
     """
     states, count = series.program.states, series.program.constants.parameters
 
@@ -538,7 +543,7 @@ def _between_arrays(series: NumpySeries) -> Callable[..., bool]:
 
 @dataclass(frozen=True)
 class NumpyMachine:
-    """The back end that needs no compiler: it prints each program as Python source and runs it with NumPy."""
+    """The back end without a compiler: it prints programs as Python and runs them with NumPy (implements `Machine`)."""
 
     name: str = "numpy"
 
@@ -547,16 +552,19 @@ class NumpyMachine:
         return kernel_in_python(program)
 
     def series(self, program: SeriesProgram) -> NumpySeries:
-        """Return a program of Taylor series as a callable object that interprets its instructions."""
+        """Return the Taylor series that `program` states. It is computed by an interpreter."""
         return NumpySeries(program)
 
     def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[PrintedProcedure, Layout]:
-        """Return the loop over the steps of a method as printed Python, and the layout of its vectors in memory."""
+        """Return the loop over steps of a method, printed as Python, and the layout of its work array.
+
+        Steps evaluate the program `law`. With `projected` each new state is projected onto the constraints.
+        """
         layout = Layout(step, LAWS[step.law].dimension(law.states), block=1, projected=projected)
         return called(steps_of(layout)), layout
 
     def callback(self, kernel: Kernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return a Python function that evaluates a kernel, and its parameters; `of_steps` has no effect here."""
+        """Return a Python function by which procedures evaluate a kernel, and its parameters. `of_steps` is ignored."""
         return Callback(between_arrays(kernel), parameters)
 
     def called(self, procedure: Procedure) -> PrintedProcedure:
@@ -574,9 +582,12 @@ class NumpyMachine:
     def dense(
         self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
     ) -> NumpyDense:
-        """Return the dense output of steps by the polynomial `kind`, computed by printed Python code on arrays."""
+        """Return the dense output of steps by the step polynomial `kind`, computed by Python code on arrays.
+
+        `kernel` is the right-hand side, and `jacobian` its derivative, or None.
+        """
         n, write = kernel.program.states, partial(write_steps, kind, kernel, parameters, jacobian)
         return NumpyDense(n, kind.degree, kind.derivative, partial(kind.size, n), write)
 
     def event_steps(self, *_: Any, **__: Any) -> None:
-        """Return None: the caller searches many steps at once with NumPy, which is faster than a loop in Python."""
+        """Return None: no function finds events. The caller searches many steps at once with NumPy, which is faster."""

@@ -16,23 +16,23 @@ from lagrange.statement.parameters import label_of, parameter_values, table_of
 from lagrange.statement.statement import Statement, friction_names
 
 Parameters = Mapping[Any, Any] | FloatArray | None
-"""Parameters as a user gives them: a dict that replaces defaults, or all values as `parameter_array` returns them.
-Their shape is (k,), or (k, batch) with one column for each state.
+"""Type of the argument `parameters` of public functions: a dict of values that replace defaults, None for the defaults,
+or an array of all values in the statement's order, (k,), or (k, batch) with one column for each state.
 """
 
 
 def ordered(values: Mapping[Any, float], parameters: tuple[Any, ...]) -> FloatArray:
-    """Return the values of a mapping as an array (k,), in the order of `parameters`."""
+    """Return an array (k,) with `values[symbol]` for each symbol in `parameters`, in this order."""
     if tuple(values) == parameters:  # Hashing the symbols would take longer than the rest of this function.
         return np.array(list(values.values()), dtype=float)
     return np.array([values[symbol] for symbol in parameters], dtype=float)
 
 
 def some_of(parameters: Parameters, states: Any) -> Parameters:
-    """Return the parameters of the states with the indices `states` in a batch.
+    """Return the parameters that belong to some states of a batch, those with the indices `states`.
 
-    Of an array (k, batch), the columns of these states are returned. Parameters that all states have in common are
-    unchanged.
+    If `parameters` is an array (k, batch), these are its columns for these states. Otherwise all states share their
+    parameters, which are returned unchanged.
     """
     if isinstance(parameters, np.ndarray) and parameters.ndim == 2:
         return np.ascontiguousarray(parameters[:, states])
@@ -67,7 +67,10 @@ def by_parameters(
 
 
 def with_zero_inputs(statement: Statement, parameters: Parameters) -> Parameters:
-    """Return the parameters, with 0 for each input (open given function) that has no value."""
+    """Return the parameters, with 0 for each input (a function of time without values) that has none.
+
+    An array is returned unchanged, since it has all values.
+    """
     if isinstance(parameters, np.ndarray) or not statement.inputs:
         return parameters
     stated = table_of(parameters, "parameters", "parameter to value")
@@ -76,13 +79,16 @@ def with_zero_inputs(statement: Statement, parameters: Parameters) -> Parameters
 
 
 class ParameterValues:
-    """The parameters of a statement: defaults, and the values that a user passes in their place."""
+    """Checks the parameter values that a user passes to a model, and completes them with the statement's defaults."""
 
     def __init__(self, statement: Statement) -> None:
         self._statement = statement
 
     def by_symbol(self, values: Mapping[Any, Any] | None) -> dict[Any, float]:
-        """Return a value for every parameter: the defaults, replaced by `values` by symbol or name."""
+        """Return {symbol: value} for every parameter of the statement: from `values` if it is there, else the default.
+
+        Keys of `values` are symbols or names. None means only defaults.
+        """
         return dict(self._defaults) if values is None else self._overlaid(values)
 
     def array(self, values: Parameters) -> FloatArray:
@@ -134,5 +140,5 @@ class ParameterValues:
 
     @cached_property
     def _positive(self) -> list[int]:
-        """Indices of the parameters that must not be negative."""
+        """Indices, in the order of the statement, of the parameters that must not be negative."""
         return [i for i, symbol in enumerate(self._statement.parameters) if symbol.is_nonnegative]

@@ -1,4 +1,4 @@
-"""Print a procedure as Python source, and load it: on floats and integers, or on NumPy's arrays.
+"""Print a procedure as Python source, and load it as a function on floats and integers, or on NumPy's arrays.
 
 Names are generated here and literals are exact, so no text of a user is ever run. Undefined results are NaN or
 infinite, as in machine code: operations that would raise in Python call a function of `interpreter.OPERATIONS`. `fma`
@@ -37,10 +37,12 @@ OPERATORS: Mapping[str, Operator] = {
     "real": Operator(9, "float({0})"),
     "whole": Operator(9, "int({0})"),
 }
-"""Operators of Python. All other operations are function calls; division is one of these because it may raise."""
+"""Python's operator for each operation that has one. Other operations are printed as function calls. Division is one of
+these, because Python's operator raises an error for a zero divisor.
+"""
 
 RAISING: Mapping[str, Operator] = {**OPERATORS, "div": COMMON["div"]}
-"""Operators of Python, with division, for callers that catch errors and for numbers that are not Python's."""
+"""`OPERATORS` with Python's division, for code whose caller catches errors, and for numbers that are not Python's."""
 
 LITERALS = Literals("inf", "nan", ("False", "True"))
 
@@ -51,10 +53,10 @@ def source(procedure: Procedure) -> str:
 
 
 def loaded(procedure: Procedure) -> Callable[..., Any]:
-    """Return a procedure as a Python function of numbers and arrays. It returns None, a value or a tuple of values.
+    """Return a procedure as a Python function of numbers and arrays, which returns None, a value or a tuple of values.
 
-    An array may be a memory view (the fastest), another object with indices, or a `Span`, which is a part of such an
-    object.
+    An array argument may be a memory view (the fastest), another object with indices, or a `Span`, which is a part of
+    such an object.
     """
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items() if op not in OPERATORS}
     names |= {"_part": part_of, "_reals": _reals, "_wholes": _wholes, "_record": SimpleNamespace}
@@ -78,7 +80,7 @@ def defined(text: str, name: str, names: Mapping[str, Any]) -> Callable[..., Any
 
 
 AS_THEY_ARE = (memoryview, Span)
-"""Types of arrays whose slices share the memory of the array."""
+"""Types of array arguments whose parts share their memory: passed on unchanged. Other arrays become a `Span`."""
 
 
 def part_of(array: Any, start: int) -> Any:
@@ -95,7 +97,7 @@ def _wholes(count: int) -> memoryview:
 
 
 class _PythonPrinter(SourcePrinter):
-    """Prints one procedure as Python."""
+    """Prints one procedure as the source of a Python function on numbers, and on arrays accessed by index."""
 
     operators = OPERATORS
     literals = LITERALS
@@ -138,7 +140,7 @@ class _PythonPrinter(SourcePrinter):
         self.write(f"{names} = {made}" if names else made)
 
     def named(self, ref: int, kind: Kind) -> str:
-        """Record `kind` as the kind of a result of a call, the value with the id `ref`. Return its name in Python."""
+        """Return the name in Python of a result of a call, and record its `kind`. `ref` is the id of the result."""
         self.types[ref] = kind
         return self.name(ref)
 
@@ -188,17 +190,17 @@ AT_ONCE: Mapping[str, Callable[..., Any]] = {
     "magnitude": lambda a, b: np.maximum(abs(a), abs(b)),
     "sqrt": np.sqrt,
 }
-"""NumPy functions for operations that Python writes differently for arrays and numbers."""
+"""NumPy function for each operation that arrays need in another form than numbers, such as `np.where` for "select"."""
 
 AS_WRITTEN = ("add", "sub", "mul", "neg", "abs", "fma", "fnma", "less", "less_equal", "equal")
-"""Operations that Python writes alike for arrays and numbers."""
+"""Operations that are printed in the same way for arrays and numbers."""
 
 
 @lru_cache(maxsize=64)
 def arrays_loaded(procedure: Procedure) -> Callable[..., Any]:
     """Return a procedure as a Python function of numbers and one-dimensional NumPy arrays.
 
-    Each `each` loop becomes operations on whole arrays.
+    Each `each` loop of the procedure becomes operations on whole arrays.
     """
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items()}
     names |= {f"_all_{op}": function for op, function in AT_ONCE.items()}
@@ -219,7 +221,7 @@ def _largest(values: Any) -> float:
 class _ArrayPrinter(Printer):
     """Prints a procedure as Python on NumPy arrays: an `each` loop becomes operations on all iterations at once.
 
-    Inside an `each` a value is a number, or an array with an entry for each iteration.
+    Inside an `each` loop a value is a number, or an array with an entry for each iteration.
     """
 
     each_of: form.Each | None = None
@@ -253,7 +255,7 @@ class _ArrayPrinter(Printer):
         if each is None or not isinstance(statement, (form.Load, form.Store)) or statement.place != each.place:
             super().memory(statement)
         elif isinstance(statement, form.Load):
-            # A view would change with later stores to the same array.
+            # A view, unlike a copy, would change with later stores to the same array.
             copied = ".copy()" if statement.array in self.stored else ""
             self.made(statement.ref, statement.kind, ATOM, f"{self.text(statement.array)}[:{self.count}]{copied}")
         else:
@@ -261,18 +263,18 @@ class _ArrayPrinter(Printer):
 
 
 EMPTY = memoryview(array("d"))
-"""Placeholder for an array or a function that is not used."""
+"""Argument of a `PrintedCall` in place of an array or function that the caller has not set."""
 
 
 class PrintedProcedure(Shared):
-    """A procedure printed as Python, called with numbers, arrays, records and functions."""
+    """A procedure printed as a Python function. Its arguments are numbers, NumPy arrays, records and functions."""
 
     def __init__(self, procedure: Procedure) -> None:
         self.names = [parameter.name for parameter in procedure.parameters]
         self.function = loaded(procedure)
 
     def bound(self) -> PrintedCall:
-        """Return an object that keeps arguments of the procedure between calls, and runs it when called."""
+        """Return an object that stores arguments of the procedure, and runs the procedure with them when called."""
         return PrintedCall(self)
 
     def __call__(self, *args: Any) -> Any:
@@ -281,7 +283,7 @@ class PrintedProcedure(Shared):
 
 
 class PrintedCall:
-    """Arguments of a printed procedure, kept between calls. Calling the object runs the procedure with them."""
+    """Stored arguments of a printed procedure. Calling the object runs the procedure with them."""
 
     is_final = True
 
@@ -290,14 +292,14 @@ class PrintedCall:
         self._arguments: dict[str, Any] = dict.fromkeys(code.names, EMPTY)
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments of the procedure by name, as `BoundCall` says."""
+        """Set arguments of the procedure by name. None means no array or no function; unknown names are ignored."""
         for name, value in arguments.items():
             if name in self._arguments:
                 flat = value.reshape(-1).data if isinstance(value, np.ndarray) else value
                 self._arguments[name] = EMPTY if flat is None else flat
 
     def __call__(self) -> Any:
-        """Run the procedure with the present arguments; return None, a value or a tuple of values."""
+        """Run the procedure with the stored arguments; return None, a value or a tuple of values."""
         with np.errstate(all="ignore"):
             return self.code.function(*self._arguments.values())
 
@@ -308,14 +310,14 @@ class PrintedCall:
 
 @lru_cache(maxsize=64)
 def called(procedure: Procedure) -> PrintedProcedure:
-    """Return a procedure printed as Python and ready to be called, from a cache if possible."""
+    """Return a procedure printed as a Python function, from a cache if it was printed before."""
     return PrintedProcedure(procedure)
 
 
 def between_arrays(kernel: Kernel) -> Any:
-    """Return a kernel as a function f(t, y, parameters, out) for printed procedures; it writes to `out`.
+    """Return a function f(t, y, parameters, out) by which printed procedures evaluate a kernel at one state.
 
-    The function returns True if the mass matrix is singular, else False.
+    It writes the result to `out`. It returns True if the mass matrix is singular, else False.
     """
     states, count = kernel.program.states, kernel.program.parameters
 

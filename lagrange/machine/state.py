@@ -19,7 +19,7 @@ from lagrange.algorithm.taylor.memory import OUTPUTS, TAYLOR
 __all__ = ["OUTCOMES", "DriverState", "Outcome", "Outputs"]
 
 OUTCOMES = tuple(Outcome)
-"""The members of `Outcome`, by number."""
+"""The members of `Outcome` in the order of their numbers. Compiled loops return such numbers."""
 
 
 class Outputs:
@@ -36,10 +36,10 @@ class Outputs:
         self.record: Any = OUTPUTS.structure()
 
     def write(self, end: float, direction: float, path: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
-        """Write the states at the output times before `end` that are not written yet.
+        """Write the states at those output times before `end` that are not written yet.
 
-        This is for a part of the run without Taylor steps. `direction` is 1.0 or -1.0, the sign of the run's steps.
-        `path` maps times (k,) to states (2n, k) on this part.
+        It is called for a part of the run without Taylor steps. `direction` is 1.0 or -1.0, the sign of the run's
+        steps. `path` maps times (k,) to states (2n, k) on this part.
         """
         times = self.times[self.record.done : -1]
         count = int(np.count_nonzero((times - end) * direction < 0))
@@ -50,9 +50,9 @@ class Outputs:
     def joined(
         self, times: NDArray[np.float64], path: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     ) -> NDArray[np.float64]:
-        """Return the states (2n, k) at the first k output times, which are given as `times` (k,).
+        """Return the states (2n, k) at the first k output times, which the caller passes as `times` (k,).
 
-        States not written yet are computed by `path`, which maps times to states.
+        States not written yet are computed by `path`, which maps times (m,) to states (2n, m).
         """
         done, count = self.record.done, len(times)
         if done < count:
@@ -65,20 +65,20 @@ NO_OUTPUTS = Outputs(np.empty(0), 1)
 
 
 class DriverState:
-    """State of a run. Its arrays are shared with machine code.
+    """State of a run while a driver advances it. Its arrays are shared with machine code.
 
     `reals` has the fields of `Run`, at the indices T to RESIDUAL, then the floors (2n,), padded to whole vectors of a
     machine. `counts` has the fields of `Counts`, at the indices STEPS to SURVEYED. Both records are in
     lagrange/algorithm/step/memory.py. The tolerance of an entry of the state is RTOL times its size in the step, plus
-    its floor. An accepted step raises a floor to SHARE times the size of the entry. Floors stated by the user have a
-    SHARE of 0 and are constant. Floors that follow the scale begin at `LEAST_FLOOR`.
+    its floor. An accepted step raises a floor to at least SHARE times the size of the entry. Floors stated by the user
+    have a SHARE of 0 and are constant. Floors that follow the size of the state begin at `LEAST_FLOOR`.
 
-    `taylor` is the record of a run by Taylor series, of the type `TAYLOR`. Such a run writes `outputs` while it
-    advances.
+    `taylor` is the record of a run by Taylor series, of the type `TAYLOR`. Such a run writes the states at output
+    times to `outputs`.
 
     `floats` and `integers` are memory views of `reals` and `counts`, through which one entry is set five times
-    faster. `fault` is the error of a failed step, from drivers in Python. `kept` is the number of bytes that such a
-    driver keeps of a run.
+    faster. Drivers written in Python set `fault`, the error of a failed step, and `kept`, the number of bytes that the
+    driver stores of the run.
     """
 
     T, END, H, RTOL, SHARE, PREVIOUS, START, STEP, CAUSE, LONGEST, RESIDUAL = RUN.places.values()
@@ -90,9 +90,9 @@ class DriverState:
     ) -> None:
         """Begin a run at time `t` and state `y` (2n,) towards the time `end`.
 
-        `rtol` is the relative tolerance, and `atol` the first floor (least absolute tolerance) of every entry. A
-        floor is raised to at least `share` times the size of its entry. `step` is signed: the size of all steps of a
-        fixed-step method, or the first step of another method. 0 means that the first step is still to be chosen.
+        `rtol` is the relative tolerance, and `atol` the first floor (least absolute tolerance) of every entry. Accepted
+        steps raise a floor to at least `share` times the size of its entry. `step` is signed: the size of all steps of
+        a fixed-step method, or of the first step of another method. 0 means that the first step is still to be chosen.
         """
         self.reals = np.zeros(self.FLOORS + whole_blocks(len(y), WIDEST_VECTOR))
         self.reals[self.FLOORS :] = 1.0
@@ -120,8 +120,8 @@ class DriverState:
     def records(self) -> dict[str, Any]:
         """Return the arguments `run`, `counts` and `floors` of procedures that advance the run, by name.
 
-        `run` is a structure with the entries of `reals`, and `counts` one with the counts. `floors` (2n,) are the
-        least absolute tolerances. All three share memory with this object.
+        `run` is a structure with the fields of `Run`, and `counts` one with the fields of `Counts`. `floors` (2n,) are
+        the least absolute tolerances. All three share memory with this object.
         """
         run, counts = RUN.structure.from_buffer(self.floats), COUNTS.structure.from_buffer(self.integers)
         return {"run": run, "counts": counts, "floors": self.floors}
@@ -131,8 +131,8 @@ class DriverState:
     ) -> None:
         """Begin another run with the same driver, over `span` (start, end) from the state y (2n,).
 
-        `first` are the values of `reals` at the start of a run. `step` is the signed first step, and `longest` is the
-        largest size of a step.
+        `first` is a copy of `reals` at the start of an earlier run. `step` is the signed first step, and `longest` is
+        the largest size of a step.
         """
         reals, floats = self.reals, self.floats
         reals[:] = first
@@ -157,7 +157,7 @@ class DriverState:
 
     @property
     def cause(self) -> Outcome:
-        """The reason why the last trial step was rejected. An error above the tolerance counts as STEP_TOO_SMALL."""
+        """The reason why a trial step was last rejected. An error above the tolerance counts as STEP_TOO_SMALL."""
         return Outcome(int(self.reals[self.CAUSE]))
 
     def count(self, which: int) -> int:
@@ -169,16 +169,16 @@ FloatArray = NDArray[np.float64]
 WholeArray = NDArray[np.int64]
 
 STEP_EVENT_ROOM = 2048
-"""Largest number of events, and of changes of the motion, in memory. When one of them is reached, the loop returns."""
+"""Largest number of events, and also of resets and switches, in a `StepEventMemory`. The loop returns if it is full."""
 
 
 class Reaction(NamedTuple):
     """Reaction of a run to the zeros of one event function or switching surface.
 
-    `direction` is the sign of the crossings that count, 0 for both, or `CROSSING` for a surface. The run ends at event
-    number `terminal` of this function, or never if `terminal` is 0. A reset replaces the entries of the state with the
-    indices `entries`. Their new values begin at index `first` of the results of all resets. `root` is true if the
-    function is a square root in the equations of motion, and `smooth` if it has no jumps.
+    `direction` is the sign of the crossings that are events, 0 for both, or `CROSSING` for a surface. The run ends at
+    event number `terminal` of this function, or never if `terminal` is 0. A reset replaces the state entries with the
+    indices `entries`. Their new values begin at index `first` of the array with the results of all resets. `root` is
+    True if the function is a square root in the equations of motion, and `smooth` if it has no jumps.
     """
 
     direction: int = 0
@@ -190,10 +190,11 @@ class Reaction(NamedTuple):
 
 
 class StepFunction(NamedTuple):
-    """A compiled function that takes steps, of the type `TAKE_STEPS`, with the memory that it uses.
+    """A compiled function that takes steps of a run, with its memory. Another compiled loop calls it by its address.
 
-    `address` is the address of the function. Its first argument is `words`, the array of 8-byte words that holds its
-    other arguments. `work` is its work array. The state is in `work` at the indices `entries`.
+    `address` is the address of the function, which has the type `TAKE_STEPS`. Its first argument is `words`, an array
+    of 8-byte words with the arguments of the loop over steps. `work` is the loop's work array, which has the state
+    (2n,) at the indices `entries`.
     """
 
     address: int
@@ -203,12 +204,12 @@ class StepFunction(NamedTuple):
 
 
 class NewEvents(NamedTuple):
-    """New events since the last call, and the rows after which the motion changes by a reset or a switch.
+    """Events found since the last call, and accepted states at which a reset or a switch begins a new smooth piece.
 
     Event k is a zero of the event function with index `which[k]`, at the time `when[k]` and the state
-    `event_states[k]` (2n,). `rows` (m,) are indices of accepted states. After each of these states a new smooth
-    piece of the run begins. If the step before a row was shortened, `times` (m,) and `states` (m, 2n) have the end
-    of the full step; for other steps the time is NaN.
+    `event_states[k]` (2n,). `rows` (m,) are the indices of the accepted states at which a smooth piece begins. The step
+    to such a state may have been shortened. Then `times` (m,) and `states` (m, 2n) have the end of the full step. For
+    other steps the time is NaN.
     """
 
     which: WholeArray
@@ -220,10 +221,10 @@ class NewEvents(NamedTuple):
 
 
 class StepEventMemory:
-    """Arrays and records that the compiled loop over steps with events works on, for states of length `size`.
+    """Memory of the compiled loop that takes steps and finds events, for states of length `size`.
 
-    Rows of `times` and `states` from row 1 on are steps that are not yet searched for events. Row 0 is the state before
-    them.
+    `reactions` has one entry for each event function. Rows of `times` and `states` from row 1 on are the ends of steps
+    that are not yet searched for events. Row 0 is the state before them.
     """
 
     def __init__(self, size: int, reactions: Sequence[Reaction]) -> None:
@@ -247,11 +248,11 @@ class StepEventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Save copies of `run` (loop over steps) and `review` (search for events), with which later runs start."""
+        """Save the present records `run` (of the loop) and `review` (of the search), with which later runs start."""
         self._start = bytes(self.run), bytes(self.review)
 
     def restart(self) -> None:
-        """Restore `run` and `review` as `keep_start` saved them, without steps and events, for another run."""
+        """Prepare the memory for another run: restore the records `run` and `review` that `keep_start` saved."""
         for record, start in zip((self.run, self.review), self._start, strict=True):
             ctypes.memmove(ctypes.addressof(record), start, len(start))
         self.kept_counts.fill(0)
@@ -262,9 +263,9 @@ class StepEventMemory:
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def keep(self, state: DriverState) -> None:
-        """Allocate copies of the numbers and counts of a run, `state.reals` and `state.counts`.
+        """Allocate arrays in which the loop saves `state.reals` and `state.counts`, and fill them with present values.
 
-        The loop over steps restores the run from the copies when a reset or a switch changes the motion.
+        The loop restores the run from these arrays when a reset or a switch makes it go back to an earlier time.
         """
         if len(self.kept_reals) != len(state.reals):
             self.kept_reals, self.kept_counts = state.reals.copy(), state.counts.copy()
@@ -276,7 +277,7 @@ class StepEventMemory:
 
     @property
     def taken(self) -> int:
-        """Number of accepted steps of the run before the steps that are not yet searched for events."""
+        """Number of accepted steps of the run before the steps in this memory."""
         return int(self.kept_counts[DriverState.STEPS])
 
     @property
@@ -285,7 +286,7 @@ class StepEventMemory:
         return self.taken + int(self.run.begin) - 1
 
     def new_events(self) -> NewEvents:
-        """Return the events found since the last call, and the rows after which a reset or switch followed."""
+        """Return the events found since the last call, and the accepted states at which a reset or switch followed."""
         count, breaks = self.review.written, self.run.breaks
         self.review.written = self.run.breaks = self.run.proven = 0
         zeros = self.which[:count].copy(), self.when[:count].copy(), self.there[:count].copy()
@@ -294,8 +295,8 @@ class StepEventMemory:
 
 
 EventSteps = Callable[[DriverState, StepEventMemory, FloatArray, FloatArray], int]
-"""Type of a function that takes steps of a run and finds the events on them. It returns the code of the reason to stop.
-Arguments: the state of the run, the memory of events, and the arrays for the times (c,) and states (c, 2n) of accepted
-steps. The code is an `Outcome`, or a code of `event_steps`: `NEEDS_REVIEW` (a step is irregular) or `READ_EVENTS` (the
-arrays of the memory are full).
+"""Type of a function that takes steps of a run and finds the events on them. It returns the reason to stop as a number.
+Arguments: the state of the run, the memory of events, and arrays to which the times (c,) and states (c, 2n) of accepted
+steps are written. The result is an `Outcome`, `NEEDS_REVIEW` (zeros on a step cannot be resolved, so the caller must
+search it) or `READ_EVENTS` (the arrays of the memory are full).
 """

@@ -1,7 +1,7 @@
 """Interpreter of programs, the reference of all kernels, and bounds of the rounding errors of a program's results.
 
 The numbers may be of any type. Two types are doubles, and doubles with a bound of their rounding error, the noise. The
-error of a result is its own rounding plus its change when its arguments change by their errors. In a linear system the
+noise of a result is its own rounding plus its change when its arguments change by their noise. In a linear system the
 noise of the right-hand side is multiplied by the inverse of the matrix. Source: N. J. Higham, Accuracy and Stability of
 Numerical Algorithms, 2nd ed., 2002, 3.3 and 7.2.
 """
@@ -33,15 +33,16 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     **DOUBLE_FUNCTIONS,
     "select": np.where,
 }
-"""The function of each operation, on numbers or on arrays with one number for each state."""
+"""NumPy function for each operation of a program. It takes numbers, or arrays with one number for each state."""
 
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """A number type: its function for each operation of a program, and its conversion from a double.
+    """A number type in which programs are evaluated, such as doubles: a function for each operation of a program.
 
-    `systems` maps "factor" and "solve" to the functions for linear systems, if the number type supports them. These
-    functions take the size of the matrix and the operands.
+    `number` converts a double to the type, and `dtype` is the NumPy dtype of arrays of such numbers. `systems` maps
+    "factor" and "solve" to the functions for linear systems, if the type supports them. These functions take the size
+    of the matrix and the operands.
     """
 
     operations: Mapping[str, Callable[..., Any]]
@@ -52,7 +53,7 @@ class Arithmetic:
     def evaluate(
         self, program: Program, t: Any, y: Sequence[Any] | NDArray[Any], parameters: Sequence[Any] | NDArray[Any]
     ) -> list[Any]:
-        """Return the outputs of a program, as a list, at time `t`, for the inputs `y` and the parameters."""
+        """Return the list of a program's outputs at time `t`, for its inputs `y`, such as a state, and `parameters`."""
         values: list[Any] = []
         for op, args, index, value, order, _ in program.instructions:
             if op == "state":
@@ -77,7 +78,7 @@ FLOATS = Arithmetic(OPERATIONS, np.float64, float)
 
 @dataclass(frozen=True)
 class InterpretedKernel:
-    """A kernel that evaluates a program instruction by instruction."""
+    """A kernel that evaluates a program by interpreting its instructions one by one (implements `Kernel`)."""
 
     program: Program
 
@@ -86,10 +87,10 @@ class InterpretedKernel:
         return self._rows(t, y, y.shape[1:], parameters)
 
     def quick(self, parameters: FloatArray) -> None:
-        """Return None: this kernel has no quick calls (calls for one state that check their own arguments)."""
+        """Return None: this kernel has no fast functions for one state."""
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the program's result for many states, one in each column."""
+        """Return the results for many states, from an array (size, batch) for each of the program's `inputs`."""
         return self._rows(t, [row for block in inputs for row in block], inputs[0].shape[1:], parameters)
 
     def _rows(
@@ -117,10 +118,10 @@ def _matrix(n: int, *lower: Any) -> FloatArray:
 
 
 def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
-    """Return the solution of matrix * x = right, (n,) or (n, batch), by Gaussian elimination of the scaled matrix.
+    """Return the solution x of matrix * x = right, (n,) or (n, batch), by Gaussian elimination with row exchanges.
 
-    `matrix` is (n, n) or (n, n, batch). `right` are the n entries of the right-hand side, each a number or (batch,).
-    Rows are exchanged to obtain large pivots.
+    `matrix` is (n, n) or (n, n, batch), and is scaled first. `right` are the n entries of the right-hand side, each a
+    number or (batch,). Raises SingularMassMatrix if a pivot is zero within rounding.
     """
     columns = np.broadcast_shapes(matrix.shape[2:], *(np.shape(entry) for entry in right))
     whole = matrix[..., None] if columns and matrix.ndim == 2 else matrix
@@ -138,7 +139,7 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
             row, pivot_rows = array[j].copy(), array[pick, ..., lanes]
             array[j] = np.moveaxis(pivot_rows, 0, -1)
             array[pick, ..., lanes] = np.moveaxis(row, -1, 0)
-        # A pivot that is zero within rounding errors; matrices that are not finite are skipped.
+        # Matrices with a pivot that is zero within rounding errors. Matrices that are not finite do not count.
         singular = finite & (np.abs(a[j, j]) <= PIVOT)
         if singular.any():
             raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)
@@ -170,21 +171,21 @@ def _scale(a: FloatArray) -> FloatArray:
 
 
 WITH_SYSTEMS = replace(FLOATS, systems={"factor": _matrix, "solve": _solve})
-"""Arithmetic of doubles with the linear systems of the mass matrix."""
+"""Arithmetic of doubles that can also solve the linear systems of a program. `FLOATS` cannot."""
 
 
 UNIT = 2.0**-53
 """Unit of round-off of doubles, 2**-53."""
 
 NO_PIVOT = 1e-12
-"""Smallest pivot, relative to the terms whose sum it is, that needs no row exchange."""
+"""Smallest pivot, as a fraction of the terms whose sum it is, with which a matrix is factored without row exchanges."""
 
 EXACT_OPERATIONS = frozenset(("neg", "abs", "min", "max", "select"))
-"""Operations that do not round."""
+"""Operations whose result has no rounding error of its own."""
 
 JUMPING = frozenset(("sign", "less", "less_equal", "equal", "and", "or", "not"))
-"""Operations whose noise is set to zero, because their values jump. A jump of a force is not rounding, even if the
-state is on the surface of the jump.
+"""Operations whose result is taken to have no rounding error, because it jumps. A jump of a force is not rounding, even
+if the state is on the surface of the jump.
 """
 
 
@@ -198,8 +199,8 @@ class Noisy(NamedTuple):
 def _noisy(name: str) -> Callable[..., Noisy]:
     """Return a function that applies the operation `name` to numbers with error bounds.
 
-    An argument lies in the interval of its value plus or minus its error. The error that it causes in the result is
-    the change of the result at the ends of this interval.
+    The exact value of an argument is in an interval: its value plus or minus its error bound. The error bound of the
+    result is its rounding plus, for each argument, the change of the result at the ends of this interval.
     """
     operation, rounding = OPERATIONS[name], 0.0 if name in EXACT_OPERATIONS else UNIT
 
@@ -225,8 +226,8 @@ def _noisy(name: str) -> Callable[..., Noisy]:
 def _linear(name: str) -> Callable[..., Noisy]:
     """Return a function that adds, subtracts, multiplies or divides numbers with error bounds.
 
-    `name` is the operation. The bound of the result comes from a formula. Unlike a difference of values, the formula
-    also gives errors below the spacing of doubles.
+    `name` is the operation. The error bound of the result comes from a formula such as |b| da + |a| db. Unlike a
+    difference of values, the formula is also valid for errors below the spacing of doubles.
     """
     operation = OPERATIONS[name]
 
@@ -266,10 +267,10 @@ def _factorization_sizes(matrix: FloatArray) -> FloatArray:
 
 
 def _noisy_solve(order: int, matrix: Noisy, *right: Noisy) -> list[Noisy]:
-    """Return the solution of a linear system with error bounds: |M^-1| times the error bounds of the residual.
+    """Return the solution x of a linear system M x = b with error bounds: |M^-1| times bounds of the residual's error.
 
-    `order` is the size of the matrix M, and `matrix` has its entries. `right` are the entries of the right-hand side.
-    The errors include the rounding errors of the factorization of M.
+    `order` is the size of M, `matrix` has its entries, and `right` are the entries of b. The residual b - M x has the
+    errors of M and b, and those of the factorization of M.
     """
     value, noise = np.array([number.value for number in right]), np.array([number.noise for number in right])
     inverse = np.linalg.inv(matrix.value)
@@ -285,7 +286,7 @@ _NOISY = Arithmetic(
     object,
     {"factor": _noisy_factor, "solve": _noisy_solve},
 )
-"""Arithmetic of numbers with a bound of their rounding error."""
+"""Arithmetic of `Noisy` numbers, which have a bound of their rounding error."""
 
 
 def rounding_noise(program: Program, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
@@ -304,9 +305,9 @@ def rounding_noise(program: Program, t: float, y: FloatArray, parameters: FloatA
 def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
     """Return the constants in the recurrences of a series, and the inverse (n, n) of each of its constant matrices.
 
-    `parameters` (k + s,) end with the signs of the switching surfaces. The matrices are those of the linear systems
-    that give accelerations and multipliers. An inverse is NaN if a parameter is NaN, for example while the sign of a
-    surface is unknown. Raises SingularMassMatrix.
+    `parameters` (k + s,) end with the signs of the s switching surfaces. The matrices are those of the linear systems
+    for accelerations and multipliers. If a parameter is NaN, for example while the sign of a surface is unknown, the
+    inverses are NaN. Raises SingularMassMatrix.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.constants, 0.0, [0.0] * program.states, list(parameters))
@@ -322,14 +323,14 @@ def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArra
 
 
 def lower_places(size: int) -> list[tuple[int, int]]:
-    """Return the row and column of each entry of a lower triangle, by rows."""
+    """Return the pairs (row, column) of a lower triangle by rows: (0, 0), (1, 0), (1, 1) and so on."""
     return [(i, j) for i in range(size) for j in range(i + 1)]
 
 
 def symmetric(size: int, places: Iterable[tuple[int, int]], entries: Iterable[Any], dtype: Any = float) -> NDArray[Any]:
     """Return the symmetric matrix (size, size) with `entries` at the `places` (row, column) of its lower triangle.
 
-    All other entries are zero. Only the first entries are read, one for each place.
+    All other entries of the triangle are zero. If there are more `entries` than places, the rest is not read.
     """
     full = np.zeros((size, size), dtype)
     for (i, j), entry in zip(places, entries, strict=False):
@@ -338,7 +339,7 @@ def symmetric(size: int, places: Iterable[tuple[int, int]], entries: Iterable[An
 
 
 def inverse(matrix: FloatArray) -> FloatArray:
-    """Return the inverse of a symmetric matrix (n, n), NaN if an entry is not finite.
+    """Return the inverse (n, n) of a symmetric matrix (n, n); it is NaN if an entry of the matrix is not finite.
 
     Raises SingularMassMatrix if the inverse of the scaled matrix has an entry above 1/`PIVOT`.
     """
@@ -348,7 +349,7 @@ def inverse(matrix: FloatArray) -> FloatArray:
     units: Any = np.empty_like(diagonal)
     if diagonal.all():
         units = 1 / np.sqrt(diagonal)
-    else:  # constraints and coordinates without inertia have units of their own
+    else:  # the diagonal is zero for constraints and coordinates without inertia: units follow from other entries
         largest: Any = np.empty_like(diagonal)
         scale_rows(len(matrix), len(matrix), matrix.ravel(), units, largest)
     try:

@@ -33,44 +33,44 @@ from lagrange.statement.expression import DOUBLE
 
 HEADER = object.__basicsize__
 TYPE = HEADER - 8
-"""Offset of an object's type from its address."""
+"""Offset in bytes, from the address of a Python object, at which the pointer to its type is stored."""
 
 DATA, DIMENSIONS, SHAPE, STRIDES, ENTRIES = HEADER, HEADER + 8, HEADER + 16, HEADER + 24, HEADER + 40
-"""Offsets of the fields of an array from its address."""
+"""Offsets in bytes of fields of a NumPy array: data pointer, number of axes, pointers to shape, strides and dtype."""
 
 VALUE = HEADER
-"""Offset of the value of a float from its address, the same for Python's and NumPy's."""
+"""Offset in bytes, from the address of a float object of Python or NumPy, at which its value is stored."""
 
 FIELDS = (
     *("kernel", "prepared", "size", "results", "empty", "shape", "none", "array", "doubles", "float", "numpy_float"),
     *("call", "release", "retain"),
 )
-"""Fields of the record that a function in machine code reads: the kernel, the objects that it needs, and the functions
-of Python's interface that it calls. Each field is an address or a count.
+"""Fields of the record that a fast function reads: the kernel, the Python objects that it needs, and the functions of
+Python's C interface that it calls. Each field is an address or a count.
 """
 
 NUMBERS = ("size", "results")
-"""Fields of the record that are counts; the others are addresses."""
+"""Fields of `FIELDS` that are counts: length of the state, number of results. The other fields are addresses."""
 
 METH_FASTCALL = 0x80
 
 
 def _at(e: Emitter, base: str, offset: int, kind: str = "ptr") -> str:
-    """Emit the load of the value at an offset in bytes from an address, and return its operand."""
+    """Emit the load of a value of type `kind`, `offset` bytes after the address `base`, and return its operand."""
     return e.load(e.value(f"getelementptr i8, ptr {base}, i64 {offset}"), kind)
 
 
 def _check(e: Emitter, condition: str, otherwise: str = "no") -> None:
-    """Emit a branch to the block `otherwise`, taken unless the instruction `condition` gives true."""
+    """Emit a branch to the block `otherwise`, taken if the result of the instruction `condition` is false."""
     following = e.fresh("checked")
     e.do(f"br i1 {e.value(condition)}, label %{following}, label %{otherwise}")
     e.label(following)
 
 
 def _arguments(e: Emitter, fields: Mapping[str, str], parts: int) -> tuple[str, str]:
-    """Emit the checks of a time and of `parts` arrays, and return the operands of the time and of the state.
+    """Emit the checks of a fast function's arguments, and return the operands of the time and of the state.
 
-    `fields` has the operand of each field of the record.
+    The arguments are a time and the state in `parts` arrays. `fields` has the operands of `FIELDS`, by name.
     """
     _check(e, f"icmp eq i64 %count, {1 + parts}")
     length = e.value(f"udiv i64 {fields['size']}, {parts}")
@@ -102,9 +102,9 @@ def _arguments(e: Emitter, fields: Mapping[str, str], parts: int) -> tuple[str, 
 
 
 def _entry(name: str, parts: int) -> str:
-    """Return the IR of the function `name`, which takes a time and the state in `parts` arrays of equal length.
+    """Return the IR of the fast function `name`, which takes a time and the state in `parts` arrays of equal length.
 
-    Its arguments are an object that holds the record, an array of Python's objects, and their number.
+    Python passes these objects as one C array, with their number, after an object that holds the record of `FIELDS`.
     """
     e = Emitter()
     record = _at(e, "%self", DATA)
@@ -145,16 +145,16 @@ define i32 @probe(double %t, ptr %y, ptr %p, ptr %out) {
   ret i32 0
 }
 """
-"""Kernel for a trial call. Its results are the time, and the difference of the last and the first entry of a state of
-four.
+"""Kernel that tests whether arrays are read correctly. It takes a state of four entries. Its results are the time, and
+the last entry less the first.
 """
 
 MOST_STATE = 4096
-"""Largest number of inputs for which a call joins q and v on the stack."""
+"""Largest length of a state for which there are fast functions: they join q and v on the stack."""
 
 
 class _MethodEntry(ctypes.Structure):
-    """An entry of Python's C structure `PyMethodDef`."""
+    """Python's C structure `PyMethodDef`, which describes a built-in function."""
 
     _fields_ = (
         ("name", ctypes.c_char_p),
@@ -165,7 +165,7 @@ class _MethodEntry(ctypes.Structure):
 
 
 class _Record(np.ndarray[Any, Any]):
-    """Memory that a function in machine code reads, with references to all objects whose addresses it contains."""
+    """The record of `FIELDS` that a fast function reads. `kept` refers to all objects whose addresses it contains."""
 
     kept: tuple[Any, ...]
 
@@ -176,8 +176,8 @@ def quick_calls(
     """Return functions that evaluate a kernel at one state and check their own arguments in machine code.
 
     `kernel` is the kernel's module and its address. `prepared` has the parameters and all values that depend on them
-    alone. `size` is the length of a state, and `shape` is that of the result. The functions are None for states
-    longer than `MOST_STATE`, and if Python's objects do not have the expected layout.
+    alone. `size` is the length of a state, and `shape` is that of the result. The result is None for states longer
+    than `MOST_STATE`, and if Python's objects do not have the expected layout.
     """
     return None if size > MOST_STATE or not _as_documented() else _made(kernel, prepared, size, shape)
 
@@ -209,7 +209,7 @@ def _module() -> Module:
 
 @lru_cache(maxsize=1)
 def _as_documented() -> bool:
-    """Return True if a trial call reads floats and arrays correctly and returns None for other objects."""
+    """Return True if fast functions read the floats and arrays of this Python correctly, and refuse other objects."""
     if not by_layout:
         return False
     whole, parts = _made((_module(), _module().address("probe")), np.zeros(1), 4, (2,))

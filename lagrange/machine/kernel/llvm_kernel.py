@@ -49,19 +49,20 @@ from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.program import SYSTEMS, Program
 
 STORED_TOGETHER = 4
-"""Number of doubles that kernels and steps load and store at once."""
+"""Number of doubles in one load or store of kernels and steps. Vectors of a step are padded to a multiple of it."""
 
 MOST_IN_REGISTERS = 8
-"""Largest number of entries of a state, and of results, that are passed in registers."""
+"""Largest length of a state that kernels take in registers. The results are returned in registers, too."""
 
 SCALAR = Style(largest=LARGEST_IN_LINE, substituted=1_000_000, systems=32, entries=32, side_by_side=True, early=False)
-"""Treatment of linear systems for one state. Systems that are written out share one test of pivots, at which all their
-entries are in use. Systems in memory need four vectors of eight reals for each row.
+"""Form of the code for linear systems in kernels for one state. Written-out solutions have at most 32 entries in total,
+since all are in use at their common test of pivots. Systems in memory are solved for up to 32 right-hand sides at once:
+four vectors of eight reals for each row.
 """
 
 LANES = Style(substituted=4_000, systems=1, pivoting=False)
-"""Treatment of linear systems with one state in each lane. Matrices of up to 20 unknowns are eliminated in lanes. A
-state that needs pivoting is evaluated again alone.
+"""Form of the code for linear systems in kernels with one state in each vector lane. Matrices of up to 20 unknowns are
+eliminated in lanes. If the matrix of a state needs pivoting, this state is evaluated again by the kernel for one state.
 """
 
 
@@ -73,25 +74,25 @@ def fit(dimension: int) -> bool:
 def in_registers(program: Program) -> bool:
     """Return True if a program has a kernel that takes its state in registers.
 
-    Such a program is called by the steps of methods, and its state is small.
+    This is the case if the steps of methods evaluate the program, and its state is small.
     """
     return bool(program.returned) and fit(program.states)
 
 
 @dataclass(frozen=True, eq=False)
 class KernelCode:
-    """The procedures of a program, and their LLVM IR."""
+    """The procedures that evaluate a program, for one state and for many states, and their LLVM IR."""
 
     program: Program
 
     @cached_property
     def prepared(self) -> PreparedLayout:
-        """The layout of the values that depend only on parameters, which are saved after the parameters."""
+        """The layout of the array `prepared`: the parameters, then all values that depend only on them."""
         return PreparedLayout.of([self.program], LARGEST_IN_LINE)
 
     @cached_property
     def prepare(self) -> Procedure:
-        """The procedure that computes the values that depend only on parameters."""
+        """The procedure that computes all values that depend only on parameters, once for each set of parameters."""
         about = f"Prepare {self.program.name}."
         return prepare(self.prepared, about, name=f"{self.program.name}_prepare", in_place=True, style=SCALAR)
 
@@ -112,7 +113,7 @@ class KernelCode:
 
     @property
     def called(self) -> tuple[Procedure, ...]:
-        """The procedures that the kernels call and that are compiled in other modules."""
+        """The procedures that the kernels call but whose code is in other modules, such as solvers."""
         every = (callee for caller in (self.prepare, *self.scalar) for callee in caller.callees)
         return tuple(dict.fromkeys(procedure for procedure in every if procedure not in self.scalar))
 
@@ -126,7 +127,7 @@ class KernelCode:
         """Return the IR of the kernel for many states, with `lanes` states in a vector."""
         quickly, by_value = lanes > 1, None
         if lanes > 1:
-            # The program at `lanes` states at once: arguments and results are vectors with one entry for each state.
+            # The vector code evaluates `lanes` states at once: arguments and results have one entry for each state.
             outputs = [self.program.outputs[k] for k in self._places]
             single = kernel_by_value(self.program, self.prepared, outputs, style=LANES)
             signature = tuple(
@@ -150,7 +151,7 @@ class KernelCode:
         return ["%t", *(f"%{block.name}" for block in self.program.inputs)]
 
     def _alone(self) -> str:
-        """Return the IR of a function that evaluates a single state of many.
+        """Return the IR of a function that evaluates one state of a batch, for states that the vector code gives up.
 
         The state is one column of the arrays of all states; the function takes the index of the column.
         """
@@ -188,10 +189,10 @@ class KernelCode:
         return e.function(f"define i64 @{name}_columns(i64 %count, {arguments.replace('ptr', 'ptr noalias')}) #0")
 
     def _block(self, e: Emitter, i: str, lanes: int, arguments: str, by_value: Procedure) -> None:
-        """Emit the evaluation of `lanes` states, beginning with the state whose index is the operand `i`.
+        """Emit the evaluation of `lanes` states as vectors. The operand `i` is the index of the first of them.
 
         `arguments` is the text of the kernel's arguments in IR. `by_value` is the procedure that evaluates the states
-        as vectors. States whose matrix needs pivoting are evaluated again one by one.
+        in lanes. States whose matrix needs pivoting are evaluated again one by one.
         """
         program = self.program
         kind = f"<{lanes} x double>"
@@ -212,10 +213,10 @@ class KernelCode:
 
 
 def _spliced(e: Emitter, procedure: Procedure, lanes: int, arguments: Sequence[str]) -> list[str]:
-    """Print the statements of a procedure into another function, and return its results as vectors.
+    """Print the statements of `procedure` into the function that `e` collects; return the operands of its results.
 
-    The procedure computes `lanes` states at once, and `arguments` are the operands of its parameters. The procedure
-    must have a single return, at its end.
+    The procedure computes `lanes` states at once, and each result is a vector. `arguments` are the operands of its
+    parameters. The procedure must have a single return, at its end.
     """
     printer = Printer(procedure, e=e, angles=number_of_angles(procedure.body))
     for parameter, argument in zip(procedure.parameters, arguments, strict=True):
@@ -249,8 +250,8 @@ def _row(e: Emitter, row: int | str, column: str) -> str:
 
 
 SHORT_PROGRAM = 4096
-"""Largest number of instructions of a program that keeps the interpreter lock for one state. For a shorter program,
-releasing the lock would take as long as the call.
+"""Largest number of instructions of a program whose kernel keeps Python's interpreter lock during a call for one state.
+For a short program, to release the lock would take as long as the call.
 """
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
@@ -258,7 +259,7 @@ _SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, cty
 
 
 class LlvmKernel(Shared):
-    """A kernel in machine code. Calls release the interpreter lock; threads may share a kernel."""
+    """A program in machine code (implements `Kernel`). Calls release the interpreter lock; threads may share it."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
@@ -279,7 +280,7 @@ class LlvmKernel(Shared):
         self._prepared: tuple[bytes, FloatArray] | None = None
         self._quick: tuple[FloatArray, QuickCalls | None] | None = None
         self.prepared_size = self._code.prepared.size + 1
-        """Number of doubles in the array `prepared`: parameters, and all values that depend only on them."""
+        """Length of the array that `prepare` returns: the parameters, and all values that depend only on them."""
         ends = [0, *accumulate(block.size for block in program.inputs)]
         rows = [slice(*pair) for pair in pairwise(ends)]
         self._split: Callable[[FloatArray], Sequence[FloatArray]] = (
@@ -292,22 +293,23 @@ class LlvmKernel(Shared):
 
     @property
     def ir(self) -> str:
-        """The LLVM IR of the kernel for one state."""
+        """The LLVM IR of `prepare` and of the kernel for one state."""
         return self._module.ir
 
     @property
     def prepare_address(self) -> int:
         """Address of ``int32_t f(double *prepared)``, which computes all values that depend only on parameters.
 
-        They are written after the parameters, with which the array `prepared` begins.
+        The array begins with the parameters, and the function writes these values after them. It returns 1 if a matrix
+        that depends only on parameters is singular, else 0.
         """
         return self._module.address(f"{self.program.name}_prepare")
 
     @property
     def law_address(self) -> int:
-        """Address of the kernel that the steps of methods call.
+        """Address of the kernel that compiled steps of methods call.
 
-        For a small state this kernel takes the state in registers. Otherwise the address is `address`.
+        If the program has a kernel that takes the state in registers, it is the address of this kernel, else `address`.
         """
         name = self.program.name
         return self._module.address(f"{name}_registers") if in_registers(self.program) else self.address
@@ -350,10 +352,9 @@ class LlvmKernel(Shared):
         return out
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return calls for one state that check their own arguments in machine code, or None for long programs.
+        """Return fast functions that evaluate one state and check their arguments, or None for a long program.
 
-        Other threads wait during these calls, since they keep Python's lock. That is acceptable for some
-        microseconds.
+        They keep Python's lock, so that other threads wait during a call. That is acceptable for some microseconds.
         """
         if len(self.program.instructions) > SHORT_PROGRAM:
             return None
@@ -364,7 +365,7 @@ class LlvmKernel(Shared):
         return known[1]
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the results for many states, in blocks of vectors. The last block repeats the last state."""
+        """Return the results for many states, from an array (size, batch) for each of the program's `inputs`."""
         prepared = self.prepare(parameters)
         batch = inputs[0].shape[1]
         if batch == 0:
@@ -387,9 +388,8 @@ class LlvmKernel(Shared):
     def _singular_column(self, block: range, times: FloatArray, states: FloatArray, prepared: FloatArray) -> int:
         """Return the index of the first state of a block at which the mass matrix is singular.
 
-        Each state of the block is evaluated alone. `block` has the indices of its states. `times` (1, batch) and
-        `states` (2n, batch) are those of all states. `prepared` has the parameters and all values that depend on them
-        alone.
+        Each state of the block is evaluated alone. `block` has the indices of its states in the batch. `times`
+        (1, batch) and `states` (2n, batch) are those of the batch. `prepared` is the array that `prepare` returns.
         """
         out = np.empty(self.program.shape)
         for column in block:
@@ -412,8 +412,7 @@ class LlvmKernel(Shared):
     def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
         """The compiled module of the kernel for many states, and the function in it that ctypes calls.
 
-        Module and function are stored as one value. So a thread always gets a module and a function that belong
-        together, even if two threads compile at the same time.
+        They are one value, so that a thread never gets the function of a module that another thread has compiled.
         """
         module = Module(self._code.column_module(self._lanes))
         pointers = [ctypes.c_void_p] * (3 + len(self.program.inputs))
@@ -423,12 +422,12 @@ class LlvmKernel(Shared):
 
 @lru_cache(maxsize=64)
 def cached_kernel(program: Program) -> LlvmKernel:
-    """Return the kernel of a program in machine code, compiled once for all runs."""
+    """Return the kernel of a program in machine code, from a cache if the program was compiled before."""
     return LlvmKernel(program)
 
 
 def _filled(array: FloatArray, count: int) -> FloatArray:
-    """Return an array as contiguous doubles with `count` columns. The last column is repeated as often as needed."""
+    """Return a copy of `array` as contiguous doubles, padded to `count` columns by copies of its last column."""
     if array.shape[1] != count:
         array = np.concatenate([array, np.repeat(array[:, -1:], count - array.shape[1], axis=1)], axis=1)
     return np.ascontiguousarray(array, dtype=float)

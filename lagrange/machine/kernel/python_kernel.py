@@ -29,17 +29,19 @@ from lagrange.statement.expression import DOUBLE
 from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 CACHED = 2**17
-"""Number of doubles in a block of columns: 1 MiB, which fits the second-level cache of most processors."""
+"""Size in doubles of the memory for a block of states that are evaluated at once: 1 MiB, which fits the second-level
+cache of most processors.
+"""
 
 LEAST_COLUMNS, MOST_COLUMNS = 64, 16384
-"""Smallest and largest number of columns of a block."""
+"""Smallest and largest number of states that are evaluated as one block."""
 
 FEW_STATES = 16
-"""Below this number of states, calls of a function for one state are faster than one call for all."""
+"""Number of states below which it is faster to evaluate them one by one than by one call for all."""
 
 PASSING_ROWS = 3
-"""Number of rows of inputs and results that are in the cache in addition to the working rows. An operation reads two
-rows and writes one.
+"""Number of rows that a block needs in the cache in addition to its working rows: an operation may read two rows of
+inputs and write one of results.
 """
 
 FUNCTIONS: dict[str, Any] = {
@@ -52,16 +54,16 @@ FUNCTIONS: dict[str, Any] = {
     "nan": math.nan,
     "inf": math.inf,
 }
-"""Functions that printed operations call. The functions of `math` raise an error if the result is not finite."""
+"""Python function for each operation that is printed as a call. Those of `math` raise if the result is not finite."""
 
 NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
-"""Exceptions that Python raises if an operation has no finite value."""
+"""Errors that Python raises if an operation has no finite result, such as sqrt(-1.0)."""
 
 NO_NUMBERS = (*NO_VALUE, TypeError)
-"""`NO_VALUE`, and the exception for a matrix row where a number is expected."""
+"""`NO_VALUE`, and the error for an argument that has matrix rows in place of numbers."""
 
 CHECKS: dict[str, Any] = {"ndarray": np.ndarray, "double": DOUBLE, "isfinite": math.isfinite, "NO_VALUE": NO_NUMBERS}
-"""Names that a printed function needs to check one state and to create an array of its results."""
+"""Global names of a printed function for one state, which it needs to check its arguments and results."""
 
 
 @lru_cache(maxsize=1)
@@ -100,7 +102,7 @@ def kernel_in_python(program: Program) -> Kernel:
 
 
 def printed(program: Program) -> str:
-    """Return the source that `PythonKernel` runs for a program: for one state, and for blocks of states.
+    """Return the Python source that `PythonKernel` runs: a function for one state, and one for many states.
 
     Raises StatementError if a linear system is too large to be printed.
     """
@@ -117,10 +119,10 @@ def printed(program: Program) -> str:
 
 
 class _PrintedFunction:
-    """A printed function that takes the parameters and computes all values that depend only on them.
+    """The outer function of a printed program: a call with the parameters returns the function of the state.
 
-    A call returns the inner function, which evaluates the program at states. It returns None if the program must be
-    interpreted for these parameters. The last result is cached.
+    The call computes all values that depend only on parameters. It returns None if one of them has no finite value or
+    a pivot is too small: the program is then interpreted. The last result is cached.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -139,7 +141,7 @@ class _PrintedFunction:
 
 
 class PythonKernel:
-    """A kernel printed as Python: implements `Kernel`. Threads may share it."""
+    """A program printed as Python functions (implements `Kernel`). Threads may share it."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
@@ -173,7 +175,7 @@ class PythonKernel:
         return out if out.shape == shape else out.reshape(shape)
 
     def at_times(self, times: FloatArray, states: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the results (m, N) at times (N,) and states (2n, N): for few states one by one, which is faster."""
+        """Return the m results (m, N) at times (N,) and states (2n, N). Few states are evaluated one by one."""
         if len(times) < FEW_STATES and (function := self._one_state(parameters)) is not None:
             # If Python raises an error or returns None, one call below evaluates all states.
             with suppress(*NO_NUMBERS):
@@ -182,16 +184,16 @@ class PythonKernel:
         return self(times, np.ascontiguousarray(states), parameters).reshape(-1, len(times))
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return fast functions of one state, which check their arguments; None if results must be interpreted."""
+        """Return fast functions of one state, or None if the program must be interpreted for these parameters."""
         key, known = parameters.tobytes(), self._quick
         if known is None or known[0] != key:
             known = self._quick = key, self._calls_of(parameters)
         return known[1]
 
     def _calls_of(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return two printed functions for one state, of (t, y) and of (t, q, v), which check their arguments.
+        """Return the fast functions that `quick` caches. The function of (t, q, v) is printed at its first call.
 
-        The second is printed at its first call. The result is None if the parameters need the interpreter.
+        The result is None if the program must be interpreted for these parameters.
         """
         values = parameters.copy()
         whole = self._whole(values)
@@ -219,7 +221,7 @@ class PythonKernel:
         return self._checked({"q": size // 2, "v": size - size // 2})
 
     def _checked(self, arrays: Mapping[str, int]) -> _PrintedFunction:
-        """Return the printed function for one state, which checks its arguments and results.
+        """Return the printed function for one state that checks its arguments and results.
 
         `arrays` maps the names of its array arguments, such as y, to their lengths.
         """
@@ -228,7 +230,7 @@ class PythonKernel:
         return _PrintedFunction(defined(self._lines.checked(arrays), self.program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the results for many states. Sines may be rounded differently than for one state."""
+        """Return results for many states, `inputs` (size, batch) each. Sines may be rounded otherwise than for one."""
         return self._by_blocks(self._blocks(half_angles=tangents_are_fast()), t, inputs, parameters)
 
     def _by_blocks(
@@ -262,7 +264,7 @@ class PythonKernel:
 
     @cached_property
     def _lines(self) -> StraightLines:
-        """The object that prints the program as straight-line Python."""
+        """The printer of the program as straight-line Python."""
         return StraightLines(simplified(self.program))
 
     @cached_property
@@ -272,9 +274,8 @@ class PythonKernel:
     def _blocks(self, *, half_angles: bool) -> tuple[_PrintedFunction, int]:
         """Return the printed function that evaluates a block of states, and the number of working rows that it needs.
 
-        With `half_angles` sines and cosines are computed from the tangent of half the angle. Without, the operations
-        are those of the function of one state. So paths of runs have the same digits whether computed at one step or
-        at many.
+        With `half_angles` sines and cosines are computed from the tangent of half the angle. Without it the operations
+        are those of the function for one state. So dense output has the same digits for one step as for many.
         """
         if half_angles not in self._printed:
             text, buffers = self._lines.columns(half_angles=half_angles)

@@ -26,25 +26,27 @@ from lagrange.procedure.visit import FIELDS, operands, visits
 from lagrange.program.program import SYSTEMS, Program
 
 LARGEST_IN_PYTHON = 12
-"""Largest matrix whose factors L D L^T are written out."""
+"""Size of the largest matrix whose elimination is printed as Python. Programs with larger ones are interpreted."""
 
 STYLE = Style(largest=LARGEST_IN_PYTHON, substituted=1_000_000, systems=1, pivoting=False, early=False)
-"""Style for straight lines: all systems are written out. The interpreter solves systems that need pivoting."""
+"""Form of the printed code for linear systems: all are written out, without pivoting. If a pivot is too small, the
+program is interpreted instead.
+"""
 
 MOST_ADDED = 12
-"""Largest number of results that are added one by one to test whether they are finite. For more results a sum over a
-tuple is faster.
+"""Largest number of results that printed code adds as `r0 + r1 + ...` to test whether all are finite. For more results
+`sum` of a tuple is faster.
 """
 
 UFUNCS: Mapping[str, str] = {
     **{op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)},
     "select": "where",
 }
-"""NumPy's names of operations on rows."""
+"""Name of the NumPy function for each operation on rows, such as "multiply" for "mul"."""
 
 
 def fits(program: Program) -> bool:
-    """Return True if every linear system of a program is small enough to be written out."""
+    """Return True if every linear system of a program is small enough to be printed as Python without loops."""
     return all(code.order <= LARGEST_IN_PYTHON for code in program.instructions if code.op in SYSTEMS)
 
 
@@ -52,7 +54,7 @@ class StraightLines:
     """Prints a program as straight-line Python: the text of an outer function of the parameters, `name(p)`.
 
     The outer function computes all values that depend only on parameters. It returns an inner function, which
-    evaluates the program at states, or None if these values need the interpreter.
+    evaluates the program at states, or None if a pivot of a matrix that depends only on parameters is too small.
     """
 
     def __init__(self, program: Program) -> None:
@@ -79,9 +81,9 @@ class StraightLines:
         return _Checked(self.inner, arrays).source(self)
 
     def columns(self, *, half_angles: bool = False) -> tuple[str, int]:
-        """Return the source of an outer function `name_columns(p)`, with an inner function for many states.
+        """Return the source of an outer function `name_columns(p)`, whose inner function evaluates m states at once.
 
-        The inner function takes (t, y, out, b). `t` has m times, and `y` a row of m numbers for each input. The
+        The inner function takes (t, y, out, b). `t` has m times, and `y` a row of m numbers for each input. The k
         results are written to `out` (k, m); `b` are rows of work memory. It returns False if a pivot is too small for
         some state, else True. The second result of this method is the number of work rows. With `half_angles` sines
         and cosines are computed from the tangent of half the angle.
@@ -92,10 +94,9 @@ class StraightLines:
 
 
 def _straight(procedure: Procedure) -> Procedure:
-    """Return a copy of a procedure without variables: a read becomes the value assigned last.
+    """Return a copy of a procedure without variables: each read of a variable becomes the value assigned last.
 
-    The procedure must have no branches or loops. The first operand of an `or` is omitted if it is the constant
-    False.
+    The procedure must have no branches or loops. `False or x` becomes x.
     """
     known: dict[int, int] = {}
     false: list[int] = []
@@ -121,25 +122,25 @@ def _straight(procedure: Procedure) -> Procedure:
 
 
 class _Floats(Printer):
-    """Prints the function of a program for one state, inside an outer function that takes the parameters.
+    """Prints a Python function that evaluates a program at one state, inside an outer function of the parameters.
 
-    The outer function computes the values that depend only on parameters.
+    The outer function computes all values that depend only on parameters, and returns the inner function.
     """
 
     operators = RAISING
     suffix, arguments = "", "t, y"
     failure = "None"
-    """Text of the value that the inner function returns for a state that it cannot evaluate."""
+    """Python text of the value that the inner function returns for a state that it cannot evaluate."""
 
     def __init__(self, procedure: Procedure) -> None:
         super().__init__(procedure)
         self.once: list[str] = []
         """Lines of the outer function, which run once for each set of parameters."""
         self.fixed: dict[int, None] = {}
-        """Values of parameters alone, which the outer function computes."""
+        """Ids of the values that depend only on parameters, as keys. The outer function computes these values."""
 
     def source(self, program: StraightLines) -> str:
-        """Return the text of the outer function, which contains the inner function."""
+        """Return the Python source of the outer function, which contains the inner function."""
         name, count = f"{program.program.name}{self.suffix}", program.program.parameters
         outer = _Floats(program.outer)
         for printer in (outer, self):
@@ -152,12 +153,12 @@ class _Floats(Printer):
         return "\n".join([f"def {name}(p):", *(f"    {line}" for line in lines), ""])
 
     def unpacked(self) -> list[str]:
-        """Return the first lines of the inner function, which unpack its array arguments into variables."""
+        """Return the first lines of the inner function, such as `y0, y1, = y`, which unpack its array arguments."""
         return [f"{listed('y', self.states)} = y"] if self.states else []
 
     @property
     def states(self) -> int:
-        """Number of inputs: the parameters of the procedure between the time and the array of prepared values."""
+        """Length of a state: the number of the procedure's parameters, without the time and the prepared array."""
         return len(self.procedure.parameters) - 2
 
     def function_of(self, op: str) -> str:
@@ -165,10 +166,9 @@ class _Floats(Printer):
 
     @visits(form.Load, form.Store, form.Read, form.Write)
     def memory(self, statement: form.Load | form.Store | form.Read | form.Write) -> None:
-        """Print the read or write of a value that depends only on parameters.
+        """Print the read or write of an entry of the prepared array, a value that depends only on parameters.
 
-        The value is a variable of the outer function, which takes the parameters and sets it. The inner function,
-        which takes the state, reads it.
+        Each entry is printed as a variable. The outer function sets it, and the inner function reads it.
         """
         assert isinstance(statement, (form.Load, form.Store))
         slot = f"p{self.constants[statement.place]}"
@@ -180,7 +180,7 @@ class _Floats(Printer):
 
     @visits(form.Let)
     def let(self, let: form.Let) -> None:
-        """Print an operation: in the outer function if it depends only on parameters, else in the inner one."""
+        """Print an operation: in the outer function if it depends only on parameters, else in the inner function."""
         fixed = all(arg in self.fixed for arg in let.args)
         if fixed:
             self.fixed[let.ref] = None
@@ -197,10 +197,10 @@ class _Floats(Printer):
         self.give(results)
 
     def refuse(self, singular: int) -> None:
-        """Print an early return, taken if a pivot is too small.
+        """Print an early return, taken if a pivot is too small. `singular` is the id of the flag that says so.
 
-        `singular` is the id of the flag for such a pivot. The early return gives the value `failure`. If the flag
-        depends only on parameters, the outer function returns None instead.
+        The inner function then returns the value `failure`. If the flag depends only on parameters, it is the outer
+        function that returns, and its result is None.
         """
         if singular in self.fixed:
             if singular not in self.constants:
@@ -209,21 +209,24 @@ class _Floats(Printer):
             self.leave_if(self.condition(singular))
 
     def condition(self, flag: int) -> str:
-        """Return the text of the value with the id `flag`, a truth value, as a condition."""
+        """Return the Python text of a condition that is true if the value with the id `flag` is true."""
         return self.text(flag)
 
     def leave_if(self, condition: str) -> None:
-        """Print an early return of `failure` from the inner function, taken if `condition` holds."""
+        """Print an early return of `failure` from the inner function, taken if `condition`, a Python text, is true."""
         self.put(f"if {condition}:")
         self.put(f"    return {self.failure}")
 
     def give(self, results: Sequence[int]) -> None:
-        """Print the return of a tuple of results. `results` are the ids of their values."""
+        """Print the return of all results as a tuple. `results` are the ids of their values."""
         self.put(f"return ({''.join(f'{self.text(ref)}, ' for ref in results).rstrip()})")
 
 
 class _Checked(_Floats):
-    """Prints a function of t and arrays for one state, with checks of its arguments and results."""
+    """Prints a function of t and arrays for one state; it returns None for wrong arguments and non-finite results.
+
+    `arrays` maps the names of the array arguments, such as y, to their lengths.
+    """
 
     def __init__(self, procedure: Procedure, arrays: Mapping[str, int]) -> None:
         super().__init__(procedure)
@@ -231,8 +234,8 @@ class _Checked(_Floats):
         self.depth = 2
 
     def unpacked(self) -> list[str]:
-        # If an input is also a result, its size is enough: a row of a matrix is a list, which fails in the sum of the
-        # results. Otherwise shapes are compared.
+        # If an input is also a result, it is enough to compare the size of its array: the entries of a matrix would be
+        # lists, for which the sum of the results raises an error. Otherwise shapes are compared.
         *results, _ = operands(self.procedure.body[-1])
         returned = any(parameter.ref in results for parameter in self.procedure.parameters[1:-1])
         lines, names, first = [], [], 0
@@ -251,7 +254,7 @@ class _Checked(_Floats):
         names = []
         for k, ref in enumerate(results):
             text = self.text(ref)
-            # A result is read twice: an expression gets a name.
+            # Printed code reads each result twice. So an expression is assigned to a variable first.
             if not text.isidentifier() and ref not in self.constants:
                 self.put(f"r{k} = {text}")
                 text = f"r{k}"
@@ -271,8 +274,9 @@ class _Checked(_Floats):
 class _RowPrinter(_Floats):
     """Prints a procedure as NumPy operations on rows, which are arrays with one number for each state.
 
-    Each result has a row. Any other value is written to the row of an operand that is not read later, or to a free row.
-    So there are few working rows: a block of states fits the cache, and few rows are copied.
+    Each result has a row. Any other value is written to the row of an operand that is not read later, or to a free
+    working row. So there are few working rows, which fit the cache. With `half_angles` sines and cosines are computed
+    from the tangent of half the angle.
     """
 
     suffix, arguments, failure = "_columns", "t, y, out, b", "False"
@@ -282,12 +286,12 @@ class _RowPrinter(_Floats):
         self.half_angles, self.most, self.place = half_angles, 0, 0
         self.free: list[str] = []
         self.rows: dict[int, str] = {}
-        """Index of the working row of each value, by the number of the value."""
+        """Name of the working row that holds each value, by the id of the value."""
         self.last = {ref: i for i, statement in enumerate(procedure.body) for ref in operands(statement)}
-        """Index of the last statement that reads each value."""
+        """Index of the last statement that reads each value, by the id of the value."""
         *results, _ = operands(procedure.body[-1])
         self.outputs = {ref: k for k, ref in enumerate(results)}
-        """Index of each value among the results. For a value that occurs several times it is the last one."""
+        """Index of each result, by the id of its value. If several results have one value, it is the last index."""
 
     def unpacked(self) -> list[str]:
         arrays = (
@@ -298,19 +302,19 @@ class _RowPrinter(_Floats):
         return [f"{listed(letter, count)} = {name}" for letter, name, count in arrays if count]
 
     def statement(self, statement: Statement) -> None:
-        """Print a statement, and free the rows that no later statement reads."""
+        """Print a statement, and mark the working rows that no later statement reads as free."""
         super().statement(statement)
         self.release(list(self.rows))
         self.place += 1
 
     def release(self, refs: Iterable[int]) -> None:
-        """Free the rows of those values that no later statement reads. `refs` are ids of values."""
+        """Mark the working rows of the values `refs` (ids) as free, except rows that a later statement reads."""
         self.free += [self.rows.pop(ref) for ref in refs if ref in self.rows and self.last[ref] <= self.place]
 
     def row(self, ref: int | None = None) -> str:
-        """Return the name of the row to which a value is written: a row of the results, or a free working row.
+        """Return the name of the row for a value: its row among the results, or a free working row.
 
-        `ref` is the id of the value, or None for a working row without a value.
+        `ref` is the id of the value. With None the caller gets a working row for its own use.
         """
         if ref in self.outputs:
             row = f"o{self.outputs[ref]}"
@@ -326,7 +330,7 @@ class _RowPrinter(_Floats):
 
     @visits(form.Let)
     def let(self, let: form.Let) -> None:
-        """Print an operation that writes its result to a row. A comparison returns a new array instead."""
+        """Print an operation as a NumPy call that writes its result to a row; a comparison makes a new array."""
         if all(arg in self.fixed for arg in let.args):
             super().let(let)
         elif let.ref in self.uses:
@@ -340,9 +344,9 @@ class _RowPrinter(_Floats):
                 self.operation_on_rows(let, texts)
 
     def operation_on_rows(self, let: form.Let, texts: Sequence[str]) -> None:
-        """Print an operation on rows whose result is a row of numbers.
+        """Print an operation whose result is a row of numbers, not of truth values.
 
-        `let` is the operation, and `texts` are the names of its operands.
+        `let` is the operation, and `texts` are its operands in Python, such as the names of rows.
         """
         a, *others = texts
         match let.op:
@@ -414,8 +418,8 @@ class _RowPrinter(_Floats):
 
 
 def listed(letter: str, count: int, first: int = 0) -> str:
-    """Return a comma-separated text of `count` numbered names for unpacking, such as "y0, y1,".
+    """Return `count` numbered names as text, each followed by a comma, such as "y0, y1," for the letter y.
 
-    Each name begins with `letter`. The number of the first name is `first`.
+    The number of the first name is `first`.
     """
     return "".join(f"{letter}{i}, " for i in range(first, first + count)).rstrip()

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 LINE = 64
-"""Bytes of a cache line. A vector that crosses lines takes twice as long to access, which costs a tenth of a run."""
+"""Size of a cache line in bytes. Access to a vector that crosses lines takes twice as long, which costs a tenth of a
+run.
+"""
 
 _HEADER = object.__basicsize__
 _pointer_at = ctypes.c_void_p.from_address
@@ -31,7 +33,7 @@ by_layout = sys.implementation.name == "cpython" and all(
     _by_layout(probe[..., :1]) == _by_attribute(probe[..., :1])
     for probe in (np.zeros(1), np.zeros(7), np.zeros((3, 5)))
 )
-"""True if an array's data pointer follows the object header, as NumPy's C interface documents."""
+"""True if the data pointer of arrays follows the object header, as NumPy documents, so that `_by_layout` is correct."""
 
 address = _by_layout if by_layout else _by_attribute
 """Function that returns the address of an array's first number. The array must stay referenced while the address is
@@ -40,7 +42,7 @@ used.
 
 
 def workspace(count: int) -> NDArray[np.float64]:
-    """Return an array of `count` zeros whose memory begins at a cache line."""
+    """Return an array of `count` zeros whose memory begins at a cache line, for fast access by vectors."""
     spare = LINE // 8
     memory = np.zeros(count + spare)
     begin = -address(memory) % LINE // 8

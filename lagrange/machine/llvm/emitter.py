@@ -1,4 +1,4 @@
-"""Text of LLVM IR: fresh names, typed operations, loops and branches, without knowledge of procedures."""
+"""Write the text of LLVM IR functions: fresh names, instructions, loops and branches."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 
 
 def literal(value: float) -> str:
-    """Return a double as LLVM's exact hexadecimal literal."""
+    """Return a double as an exact hexadecimal literal of LLVM, such as 0x3FF0000000000000 for 1.0."""
     return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
 
 
 @dataclass
 class LoopValues:
-    """A loop that is being printed: its index, its loop-carried values, and their values for the next iteration."""
+    """Names in a loop that is being printed: its index, the carried values, and these values for the next iteration."""
 
     index: str
     values: list[str]
@@ -30,9 +30,9 @@ smaller.
 
 
 class Emitter:
-    """Collects the body of one LLVM function as text, with numbered names.
+    """Collects the instructions of one LLVM function as text. Emit means to append an instruction.
 
-    The same calls therefore produce the same text.
+    Names are numbered, so the same calls always produce the same text.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class Emitter:
         return f"{stem}{self.count}"
 
     def value(self, text: str) -> str:
-        """Emit the instruction `text`, which has a result, and return the name of the result."""
+        """Emit the instruction `text`, which has a result, and return the name of the result, such as %v7."""
         if self.accesses >= MOST_ACCESSES and not text.startswith("phi"):
             self.cut()
         name = "%" + self.fresh()
@@ -59,8 +59,8 @@ class Emitter:
     def cut(self) -> None:
         """Begin another basic block (instructions without a branch), because LLVM compiles long blocks slowly.
 
-        The branch to the new block depends on a value that LLVM cannot know, since LLVM would otherwise join the two
-        blocks.
+        The branch to the new block is always taken, but depends on a value that LLVM cannot know. Otherwise LLVM would
+        join the two blocks.
         """
         if not self.zero:
             self.zero = self.reserve("i8")
@@ -103,7 +103,7 @@ class Emitter:
         return base if index in (0, "0") else self.value(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
 
     def load(self, pointer: str, kind: str = "double") -> str:
-        """Emit a load of the type `kind` from a pointer, and return the name of the loaded value.
+        """Emit a load of a value of the LLVM type `kind` from a pointer, and return the name of the value.
 
         Vectors need the alignment of their elements only.
         """
@@ -112,16 +112,16 @@ class Emitter:
         return loaded
 
     def store(self, what: str, pointer: str, kind: str = "double") -> None:
-        """Emit a store of the value `what` at a pointer."""
+        """Emit a store of the operand `what`, of the LLVM type `kind`, to a pointer."""
         self.accesses += 1
         self.do(f"store {kind} {what}, ptr {pointer}, align 8")
 
     def get(self, base: str, index: str | int, kind: str = "double") -> str:
-        """Emit a load and return element `index` of the array at `base`."""
+        """Emit a load of element `index` of the array at `base`, and return the name of the loaded value."""
         return self.load(self.address(base, index, kind), kind)
 
     def put(self, what: str, base: str, index: str | int, kind: str = "double") -> None:
-        """Emit a store of the value `what` as element `index` of the array at `base`."""
+        """Emit a store of the operand `what` to element `index` of the array at `base`."""
         self.store(what, self.address(base, index, kind), kind)
 
     def fma(self, a: str, b: str, c: str, kind: str = "double") -> str:
@@ -134,7 +134,7 @@ class Emitter:
 
     @contextmanager
     def loop(self, start: str | int, stop: str | int, step: int = 1) -> Iterator[str]:
-        """Emit a loop around the instructions of the `with` block. Yields the name of the index.
+        """Emit a loop whose body is what the caller emits in the `with` block. Yields the name of the index.
 
         The index runs from `start` by `step` while it is below `stop`.
         """
@@ -145,7 +145,7 @@ class Emitter:
     def carry(
         self, start: str | int, stop: str | int, carried: Sequence[tuple[str, str]], step: int = 1
     ) -> Iterator[LoopValues]:
-        """Emit a loop around the instructions of the `with` block, with values carried from one iteration to the next.
+        """Emit a loop whose body is what the caller emits in the `with` block, with values carried between iterations.
 
         The index runs from `start` by `step` while it is below `stop`. `carried` has the type and the initial value of
         each carried value. Yields an object with two lists. The `with` block reads the carried values from `values`,
@@ -173,7 +173,7 @@ class Emitter:
 
     @contextmanager
     def when(self, condition: str) -> Iterator[None]:
-        """Emit a branch: the instructions of the `with` block run only if the condition holds."""
+        """Emit a branch: what the caller emits in the `with` block runs only if the operand `condition` is true."""
         name = self.fresh("if")
         self.do(f"br i1 {condition}, label %{name}.then, label %{name}.end")
         self.label(f"{name}.then")
@@ -182,11 +182,11 @@ class Emitter:
         self.label(f"{name}.end")
 
     def function(self, signature: str) -> str:
-        """Return the IR of the whole function, for a signature such as ``define i32 @f(double %t)``."""
+        """Return the IR of the whole function. The signature is a text such as ``define i32 @f(double %t)``."""
         return "\n".join([f"{signature} {{", "entry:", *self.entry, *self.lines, "}", ""])
 
 
 def suffix(kind: str) -> str:
-    """Return the suffix of LLVM's intrinsics for a type: f64 for double, v8i64 for <8 x i64>."""
+    """Return the suffix of names of LLVM's intrinsics for a type: f64 for double, v8i64 for <8 x i64>."""
     name = "i64" if "i64" in kind else "f64"
     return f"v{kind[1:].partition(' ')[0]}{name}" if kind.startswith("<") else name

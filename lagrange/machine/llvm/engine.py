@@ -1,4 +1,4 @@
-"""Compile LLVM IR to machine code, load it, and call it; a cache in memory; optimization only after many steps.
+"""Compile LLVM IR to machine code, load it, and call it. Compiled code is cached in memory.
 
 Code may be tiered: compiled quickly at first, and with optimization after many steps. Both versions do the same
 operations in the same order, so that results agree to the last bit. LLVM reassociates or contracts operations only with
@@ -39,15 +39,15 @@ from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure, transitive_cal
 from lagrange.statement.run_settings import check_time
 
 CACHE_BYTES = 32_000_000
-"""Largest size of the cache of compiled code, in bytes. The least recently used code is dropped first. A right-hand
-side takes some 5 kB, a loop over steps of an implicit method 50 kB.
+"""Largest total size of the compiled code in the cache, in bytes. The least recently used code is dropped first. A
+right-hand side takes some 5 kB, a loop over steps of an implicit method 50 kB.
 """
 
 
 class ObjectCode:
-    """Cache in memory of compiled modules (object code) by their IR.
+    """Cache in memory of object code (compiled modules), by the IR text. It holds up to `room` bytes.
 
-    A system that is stated again, or changed and changed back, is not compiled again.
+    So a system that is stated again, or changed and changed back, is not compiled again.
     """
 
     def __init__(self, room: int = CACHE_BYTES) -> None:
@@ -62,7 +62,7 @@ class ObjectCode:
             self._taken = 0
 
     def of(self, text: str, how: str, compiled: Callable[[], bytes]) -> bytes:
-        """Return the object code of an IR text from the cache. If it is missing, call `compiled` for it.
+        """Return the object code of the IR `text` from the cache. If it is missing, get it from `compiled()`.
 
         `how` names the compile options, which are part of the key of the cache.
         """
@@ -85,7 +85,7 @@ class ObjectCode:
 _LOADING, _LINKING = threading.Lock(), threading.Lock()
 
 _ENGINES: WeakValueDictionary[bytes, _Engine] = WeakValueDictionary()
-"""Loaded engines that are in use, by the checksum of their object code."""
+"""Loaded code that is still in use, by the checksum of its object code."""
 
 COMPILED = ObjectCode()
 
@@ -97,18 +97,18 @@ No right-hand side of a scene is that large.
 
 
 def dense_solver() -> tuple[Procedure, ...]:
-    """Return the procedures that factor matrices and solve linear systems, for kernels that call them.
+    """Return the procedures that factor matrices and solve linear systems. Kernels with large systems call them.
 
-    Their module is compiled once per process.
+    `linear_solver` compiles their module.
     """
     return factor_pivoted.form(), solve_pivoted.form(), factor_dense.form(), solve_factored.form(), invert_dense.form()
 
 
 class Module(Shared):
-    """Machine code of the functions in one IR text. It owns the memory of the code."""
+    """Machine code of the functions in one IR text. The code is loaded as long as this object exists."""
 
     is_final = True
-    """True if the code will not be compiled again."""
+    """True: this code is never replaced by optimized code, unlike that of a `TieredModule`."""
 
     def __init__(
         self, text: str, *, optimize: bool = False, merge: bool = False, quickly: bool = False, often: bool = False
@@ -129,7 +129,7 @@ class Module(Shared):
         self._addresses: dict[str, int] = {}
 
     def address(self, name: str) -> int:
-        """Return the address of the function `name`."""
+        """Return the memory address of the function `name`."""
         if name not in self._addresses:
             self._addresses[name] = self._engine.address(name)
         return self._addresses[name]
@@ -140,14 +140,14 @@ class Module(Shared):
 
 
 def provide(procedures: Sequence[Procedure], code: Module) -> Module:
-    """Register the procedures of a module by name for modules that are loaded later, and return the module."""
+    """Let modules loaded later call `procedures`, whose machine code is in `code`, by name. Return `code`."""
     for procedure in procedures:
         llvm.add_symbol(procedure.name, code.address(procedure.name))
     return code
 
 
 def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
-    """Return the object code of an IR text.
+    """Compile an IR text, and return its object code.
 
     `passes` runs LLVM's optimization passes: it is called with the parsed module and the target machine. None runs no
     passes. `effort` is the optimization level of code generation, 0 to 3.
@@ -162,24 +162,24 @@ def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None)
 
 
 class _Engine:
-    """The owner of an LLVM engine, the object that loads code and owns its memory.
+    """The owner of an LLVM engine, the object of LLVM that loads code and owns its memory.
 
-    A weak reference to this owner expires before LLVM frees the engine. With a weak reference to the engine itself,
-    other threads could still get the engine while LLVM frees it.
+    `_ENGINES` has weak references to such owners. They expire before LLVM frees the engine. With weak references to
+    the engine itself, another thread could still get the engine while LLVM frees it.
     """
 
     def __init__(self, engine: Any) -> None:
         self._engine = engine
 
     def address(self, name: str) -> int:
-        """Return the address of the function `name`."""
+        """Return the memory address of the function `name`."""
         return int(self._engine.get_function_address(name))
 
 
 def _loaded(code: bytes) -> _Engine:
-    """Return an LLVM engine that has linked the object code `code`, and owns its memory.
+    """Load object code, and return the engine that owns its memory.
 
-    If the same object code is still in use, its engine is returned again.
+    If the same object code is already loaded, its engine is returned.
     """
     key = hashlib.sha256(code).digest()
     with _LINKING:
@@ -195,9 +195,9 @@ def _loaded(code: bytes) -> _Engine:
 
 
 def _optimize(module: Any, machine: Any) -> None:
-    """Run LLVM's optimization passes on a parsed module, except those that transform loops.
+    """Run LLVM's optimization passes on a parsed module, except those that unroll or vectorize loops.
 
-    Loop passes took most of the compile time.
+    Those would take most of the compile time.
     """
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.loop_unrolling = False
@@ -207,7 +207,7 @@ def _optimize(module: Any, machine: Any) -> None:
 
 
 def _merge(module: Any, machine: Any) -> None:
-    """Run LLVM's passes that inline `alwaysinline` procedures of a module and keep its local arrays in registers."""
+    """Run only two of LLVM's passes: inline `alwaysinline` procedures, and keep local arrays in registers."""
     passes = llvm.create_new_module_pass_manager()
     passes.add_always_inliner_pass()
     passes.add_sroa_pass()
@@ -215,10 +215,10 @@ def _merge(module: Any, machine: Any) -> None:
 
 
 def linear_solver(*, often: bool) -> None:
-    """Compile the solver of linear systems that kernels call, once per process.
+    """Compile the procedures of `dense_solver`, so that modules loaded later can call them.
 
-    LLVM's passes run only if a model needs the solver `often`. The passes take 150 ms, longer than all other
-    compilation for a small model. Without them the solver compiles in 5 ms.
+    They are compiled once per process, and once more with LLVM's passes when a model needs them `often`. The passes
+    take 150 ms, longer than all other compilation for a small model. Without them the solver compiles in 5 ms.
     """
     # Without the lock, two threads that compile their first models could register symbols of a discarded module.
     with _LOADING:
@@ -232,9 +232,9 @@ def _linear_solver(often: bool) -> Module:
 
 
 def calling_solver(procedure: Procedure) -> Module:
-    """Return the compiled module of a procedure that calls the solver of linear systems.
+    """Return the compiled module of a procedure that calls procedures of `dense_solver`.
 
-    The module is compiled once per process, and modules compiled later find the procedure by its name.
+    It is compiled once per process. Modules loaded later can call the procedure by its name.
     """
     linear_solver(often=False)
     with _LOADING:
@@ -250,7 +250,7 @@ def _calling_solver(procedure: Procedure) -> Module:
 def _target_machine(effort: int = 2) -> Any:
     """Return LLVM's target machine (code generator) for this processor. `effort` is the optimization level, 0 to 3.
 
-    All modules of a level share the target machine, because its set-up takes time.
+    There is one for each level, and all modules share it, because its set-up takes time.
     """
     start()
     features = llvm.get_host_cpu_features().flatten()
@@ -266,8 +266,8 @@ to 1.5 times as long, and up to 2.6 times with Newton's method or ten coordinate
 """
 
 STEPS_BEFORE_LATE_OPTIMIZING = 200_000
-"""Number of steps after which large code is compiled with optimization. Members of a double pendulum in lanes compile
-in 1 to 4 s with optimization and 0.1 to 0.9 s without; their steps take up to three times as long without optimization.
+"""Number of steps after which large code is compiled with optimization. The code for ensembles of a double pendulum in
+lanes compiles in 1 to 4 s with optimization and 0.1 to 0.9 s without; steps take up to three times as long without it.
 The loop over steps with events compiles in 0.7 and 0.2 s, and its steps take 1.1 to 1.6 times as long. So 200,000 steps
 lose 0.02 to 0.2 s.
 """
@@ -277,8 +277,9 @@ class TieredModule(Shared):
     """A module with a function that takes steps, compiled twice: quickly at first, and optimized after many steps.
 
     `passes` are options of `Module` for the optimized version. Both versions are kept, because other runs may hold the
-    address of the first. `needs` is called before each compilation; it compiles the procedures of other modules that
-    the code calls. With `late`, optimization waits for more steps, since it takes seconds. Threads may share a module.
+    address of the first. `needs(well=...)` is called before each compilation; it compiles the procedures of other
+    modules that the code calls, optimized if `well`. With `late`, optimization waits for more steps, since it takes
+    seconds. Threads may share a module.
     """
 
     def __init__(
@@ -301,9 +302,10 @@ class TieredModule(Shared):
         return self._best.address(name)
 
     def count(self, steps: int) -> bool:
-        """Count `steps` more steps of a run, and return True if the code is optimized; then addresses have changed.
+        """Count `steps` more steps of a run, and compile the optimized version after many steps.
 
-        While another thread compiles the optimized version, this thread continues with the quick version.
+        Return True if that version exists; then the addresses have changed. While another thread compiles it, this
+        thread continues with the quick version.
         """
         self._left -= steps
         if self._left <= 0 and self._lock.acquire(blocking=False):
@@ -322,19 +324,19 @@ _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 @lru_cache(maxsize=256)
 def _function_at(code_address: int) -> Any:
-    """Return the function at a code address as a ctypes function, from a cache.
+    """Return a ctypes function that calls the machine code at an address, from a cache.
 
-    To make such an object takes about as long as a call.
+    To create such an object takes about as long as a call.
     """
     return _CALL(code_address)
 
 
 STEPS = ("budget", "times", "rows")
-"""Names of the last parameters of a loop over steps: number of steps, and arrays for their times and states."""
+"""Names of the last parameters of a loop over steps: largest number of steps, arrays for their times and states."""
 
 
 class CompiledProcedure(Shared):
-    """A procedure in machine code, called with numbers, arrays, records, and addresses of functions.
+    """A procedure in machine code. Its arguments are numbers, NumPy arrays, records, and addresses of functions.
 
     With `tiers` it is compiled quickly at first, and again with optimization after many steps; with `late`, after more
     steps. With `optimize` LLVM runs more of its optimization passes. With `inlined` all callees are inlined unless they
@@ -358,7 +360,7 @@ class CompiledProcedure(Shared):
         self.reals = frozenset(parameter.name for parameter in procedure.parameters if parameter.type is REAL)
         self.results = [(len(kinds) + i, kind) for i, kind in enumerate(procedure.results)]
         self.only_whole = len(kinds) if procedure.results == (WHOLE,) else None
-        """Word of the result if it is one whole number, such as the outcome of a loop over steps."""
+        """Index, in the array of 8-byte words, of the only result if it is a whole number; None for other results."""
         text = called_ir(procedure, elsewhere, inlined=inlined)
         passes = {"optimize": optimize, "merge": not optimize}
         self.module: TieredModule | Module
@@ -369,30 +371,30 @@ class CompiledProcedure(Shared):
 
     @property
     def run(self) -> Any:
-        """The compiled function, called with the address of the array of 8-byte words for arguments and results.
+        """The compiled function. Its argument is the address of an array of 8-byte words for arguments and results.
 
-        The function changes when code is compiled again.
+        The function changes when optimized code replaces the quickly compiled code.
         """
         return _function_at(self.module.address("run"))
 
     @property
     def steps(self) -> int:
-        """Address of the compiled function `steps`, by which another compiled loop calls this loop over steps."""
+        """Address of the compiled function `steps`, by which other compiled code calls this loop over steps."""
         return self.module.address("steps")
 
     def bound(self) -> CompiledCall:
-        """Return an object that keeps arguments of the procedure between calls, and runs it when called."""
+        """Return an object that stores arguments of the procedure, and runs the procedure with them when called."""
         return CompiledCall(self)
 
     def __call__(self, *args: Any) -> Any:
-        """Run the procedure. Arrays must be contiguous and of the parameter's type."""
+        """Run the procedure with arguments in the order of its parameters. Arrays must be contiguous."""
         call = self.bound()
         call.give(**dict(zip(self.places, args, strict=True)))
         return call()
 
 
 class CompiledCall:
-    """Arguments of a compiled procedure, kept between calls. Calling the object runs the procedure with them."""
+    """Stored arguments of a compiled procedure. Calling the object runs the procedure with them."""
 
     def __init__(self, code: CompiledProcedure) -> None:
         self.code, self._run = code, code.run
@@ -402,10 +404,10 @@ class CompiledCall:
         self._address = address(self.words)
         self._kept: dict[str, Any] = {}
         self.is_final = code.module.is_final
-        """True if the code will not be compiled again."""
+        """True if the present code will not be replaced by optimized code."""
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments of the procedure by name, as `BoundCall` says."""
+        """Set arguments of the procedure by name. None means no array or no function; unknown names are ignored."""
         indices, reals, references, words = self.code.places, self.code.reals, self._kept, self._wholes
         for name, value in arguments.items():
             if name in reals:
@@ -414,7 +416,7 @@ class CompiledCall:
                 references[name], words[indices[name]] = value, _word(value)
 
     def __call__(self) -> Any:
-        """Run the procedure with the present arguments; return None, a value or a tuple of values."""
+        """Run the procedure with the stored arguments; return None, a value or a tuple of values."""
         self._run(self._address)
         if self.code.only_whole is not None:
             return self._wholes[self.code.only_whole]
@@ -425,7 +427,7 @@ class CompiledCall:
         return results[0] if len(results) == 1 else tuple(results) or None
 
     def count(self, steps: int) -> bool:
-        """Count `steps` more steps. Return True if optimized code replaces the quickly compiled code from now on."""
+        """Count `steps` more steps. Return True if optimized code has now replaced the quickly compiled code."""
         if self.is_final or not self.code.module.count(steps):
             return False
         self._run, self.is_final = self.code.run, True
@@ -433,7 +435,7 @@ class CompiledCall:
 
 
 def _word(value: Any) -> int:
-    """Return the 8-byte word that passes an argument: the address of an array or record, an integer, or 0."""
+    """Return the 8-byte word that passes an argument: the address of an array or record, an integer, or 0 for None."""
     if isinstance(value, np.ndarray):
         return address(value)
     if isinstance(value, ctypes.Structure):
@@ -443,17 +445,17 @@ def _word(value: Any) -> int:
 
 @lru_cache(maxsize=64)
 def compiled(procedure: Procedure) -> CompiledProcedure:
-    """Return a procedure compiled to machine code, from a cache if possible."""
+    """Return a procedure compiled to machine code, from a cache if it was compiled before."""
     return CompiledProcedure(procedure)
 
 
 def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = (), *, inlined: bool = True) -> str:
-    """Return the IR of a procedure, and of a function `run` that calls it with the words of an array.
+    """Return the IR of a procedure, and of a function `run` by which Python calls it.
 
-    The words have 8 bytes and hold arguments and results. Callees in `elsewhere` are declared but not defined. With
-    `inlined`, all other callees are inlined unless they are `noinline`. Otherwise LLVM chooses. If the procedure is a
-    loop over steps (its last parameters are `STEPS`), the IR also has a function `steps`, by which other compiled
-    loops call it.
+    The only argument of `run` is an array of 8-byte words for arguments and results. Callees in `elsewhere` are
+    declared but not defined. With `inlined`, all other callees are inlined unless they are `noinline`. Otherwise LLVM
+    chooses. If the procedure is a loop over steps (its last parameters are `STEPS`), the IR also has a function
+    `steps`, by which other compiled loops call it.
     """
     callees = transitive_callees([procedure], elsewhere)
     functions = [
@@ -469,8 +471,8 @@ def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = (), *, inli
 def _steps(procedure: Procedure) -> str:
     """Return the IR of the function `steps`, of the type `TAKE_STEPS`, by which another compiled loop takes steps.
 
-    Its first argument is the address of the words that hold the arguments of `run`. Its next three arguments are
-    arrays whose addresses are also among the words, so that LLVM knows that a call changes these arrays.
+    Its first argument is the array of words that the function `run` reads. Its next three arguments are arrays whose
+    addresses are also in these words. They tell LLVM that a call changes these arrays.
     """
     e = Emitter()
     indices = {parameter.name: index for index, parameter in enumerate(procedure.parameters)}
@@ -484,7 +486,7 @@ def _steps(procedure: Procedure) -> str:
 
 
 def _run(procedure: Procedure) -> str:
-    """Return the IR of the function `run`, which reads a procedure's arguments from 8-byte words.
+    """Return the IR of the function `run`, which calls a procedure with arguments from an array of 8-byte words.
 
     It writes the results into the words after the arguments. A flag is stored as an integer.
     """

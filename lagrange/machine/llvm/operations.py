@@ -17,7 +17,7 @@ from lagrange.program.program import ARITY
 from lagrange.statement.vocabulary.functions import ELEMENTARY
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
-"""LLVM's type for each kind of number."""
+"""LLVM's type for each kind of value of a procedure: real, whole number, flag."""
 
 _REALS = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 INTRINSICS = {
@@ -33,16 +33,13 @@ _WHOLES = {"add": "add nsw", "sub": "sub nsw", "mul": "mul nsw", "quotient": "sd
 _WHOLE_INTRINSICS = {"min": "smin", "max": "smax"}
 _COMPARED = {"less": ("olt", "slt"), "less_equal": ("ole", "sle"), "equal": ("oeq", "eq")}
 LIBRARY = {**{name: name for name in ELEMENTARY}, "atan2": "atan2", "power": "pow"}
-"""Functions of the C library by operation; some also have a vector routine."""
+"""Name of the C library's function for each operation that needs one. For some there are also vector routines."""
 
 _CONVERTED = {("real", WHOLE): "sitofp", ("real", FLAG): "uitofp", ("whole", REAL): "fptosi", ("whole", FLAG): "zext"}
 
 
 def type_of(kind: Kind, lanes: int = 1) -> str:
-    """Return LLVM's type of values of a kind: a real, a whole number or a flag.
-
-    For `lanes` above 1 the result is the type of a vector with `lanes` values.
-    """
+    """Return LLVM's type of a real, a whole number or a flag (`kind`), or of a vector of `lanes` such values."""
     return KINDS[kind] if lanes == 1 else f"<{lanes} x {KINDS[kind]}>"
 
 
@@ -89,7 +86,7 @@ def constant(let: form.Let) -> str:
 
 
 def splat(e: Emitter, value: str, kind: Kind, lanes: int) -> str:
-    """Emit a vector with `value` in each of `lanes` lanes, and return its operand."""
+    """Emit a vector of `lanes` entries that are all `value`, and return its operand; for 1 lane, return `value`."""
     if lanes == 1:
         return value
     if not value.startswith("%"):
@@ -102,8 +99,8 @@ def splat(e: Emitter, value: str, kind: Kind, lanes: int) -> str:
 def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int = 1) -> str:
     """Emit the operation `op` as LLVM IR, and return the operand of its result.
 
-    `args` are its operands, and `kinds` their kinds. If `lanes` is above 1, the operands are vectors with `lanes`
-    entries.
+    `args` are its operands, and `kinds` their kinds (real, whole number or flag). If `lanes` is above 1, the operands
+    are vectors with `lanes` entries.
     """
     types = [type_of(kind, lanes) for kind in kinds]
     kind = types[-1]
@@ -144,9 +141,9 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
 
 
 def _sign(e: Emitter, typed: str, lanes: int) -> str:
-    """Emit the sign of a number, and return its operand: 1 or -1, or the number itself if it is zero or NaN.
+    """Emit the sign of x, and return its operand: the sign is 1 or -1, or x itself if x is zero or NaN.
 
-    The operand `typed` has its LLVM type before it. The operand is a number, or a vector of `lanes` numbers.
+    `typed` is the LLVM type of x, then its operand. x is a number, or a vector of `lanes` numbers.
     """
     real, flag = type_of(REAL, lanes), type_of(FLAG, lanes)
     zero, one, minus = (splat(e, literal(value), REAL, lanes) for value in (0.0, 1.0, -1.0))
@@ -158,8 +155,8 @@ def _sign(e: Emitter, typed: str, lanes: int) -> str:
 def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
     """Emit the larger of two absolute values, NaN if one is NaN, and return its operand.
 
-    Bits of non-negative doubles, read as integers, are in order, NaN last. Integer comparisons are faster than
-    comparisons of doubles that may be NaN.
+    The bits are compared as integers, which is faster than to compare doubles that may be NaN. For doubles that are not
+    negative the order is the same, with NaN last.
     """
     kind, bits = type_of(REAL, lanes), type_of(WHOLE, lanes)
     first, second = (e.value(f"bitcast {kind} {e.fabs(arg, kind)} to {bits}") for arg in args)
@@ -203,12 +200,12 @@ _BITS = {"two_to": _two_to, "exponent": _exponent, "mantissa": _mantissa}
 
 
 def result_type(results: Sequence[Type]) -> str:
-    """Return LLVM's return type for results of the given types."""
+    """Return LLVM's return type of a function with results of these types: void, one type or a structure."""
     return together([argument_type(kind) for kind in results])
 
 
 def foreign_type(kind: Type) -> str:
-    """Return LLVM's result type for a function that other code calls, where a flag is C's int."""
+    """Return LLVM's type of a result of a function that other code, such as C, calls: a flag is C's int there."""
     return "i32" if kind is FLAG else argument_type(kind)
 
 
@@ -216,13 +213,13 @@ def convention(results: Sequence[Type]) -> str:
     """Return LLVM's keyword for the calling convention of a callback, or of a function that other code calls.
 
     `results` are the types of its results. The keyword is "swiftcc " for several results, which are then
-    returned in registers, and empty (C's convention) for one result or none.
+    returned in registers, and "" (C's convention) for one result or none.
     """
     return "swiftcc " if len(results) > 1 else ""
 
 
 def together(types: Sequence[str]) -> str:
-    """Return one LLVM type for several results of a function: a structure of `types`.
+    """Return the LLVM type in which a function returns results of several `types`: a structure.
 
     For one result it is the type of the result, and for none it is void.
     """
@@ -230,13 +227,13 @@ def together(types: Sequence[str]) -> str:
 
 
 def separated(e: Emitter, types: Sequence[str], value: str) -> Iterator[str]:
-    """Yield the operands of the single results in `value`, the result of a call with the type `together(types)`."""
+    """Emit the extraction of all results from `value`, of the type `together(types)`, and yield their operands."""
     for i in range(len(types)):
         yield value if len(types) == 1 else e.value(f"extractvalue {together(types)} {value}, {i}")
 
 
 def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
-    """Emit the return of the results `values`, as one value of the type that `together(types)` returns."""
+    """Emit the return of the operands `values`, of the LLVM `types`, as one value of the type `together(types)`."""
     kind = together(types)
     if len(types) < 2:
         e.do(f"ret {kind} {values[0]}" if types else "ret void")
@@ -248,9 +245,9 @@ def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
 
 
 def phi(e: Emitter, kind: str, ways: Sequence[tuple[str, str]]) -> str:
-    """Emit a phi, the choice of a value by the preceding block, and return its operand.
+    """Emit a phi, which takes the value that belongs to the block from which control came, and return its operand.
 
-    `ways` are pairs of a preceding block and the value that comes from it.
+    `kind` is the LLVM type. `ways` are pairs (preceding block, operand). If all operands are equal, no phi is needed.
     """
     if all(value == ways[0][1] for _, value in ways):
         return ways[0][1]
@@ -265,7 +262,7 @@ def argument_type(kind: Type) -> str:
 
 
 ROUTINES = "_ZGV"
-"""Beginning of the names of vector routines in glibc."""
+"""Prefix of the names of vector routines in glibc (libmvec)."""
 
 
 @cache
@@ -286,10 +283,10 @@ def vector_routines() -> dict[str, str]:
 
 
 def call_library(e: Emitter, op: str, args: Sequence[str], width: int) -> str:
-    """Emit a function of the C library on vectors of `width` numbers, and return the operand of the result.
+    """Emit the operation `op` on vectors of `width` numbers by calls of the C library; return the result's operand.
 
-    `op` is the operation, and `args` are its operands. The function is the vector routine for the operation if there
-    is one, else the scalar function for each entry.
+    `args` are the operands. The vector routine for the operation is called if there is one. Otherwise the scalar
+    function is called for each entry.
     """
     kind = type_of(REAL, width)
     name = vector_routines().get(op) if width == processor.lanes() else None

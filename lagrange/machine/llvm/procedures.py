@@ -49,8 +49,8 @@ from lagrange.procedure.form import ANGLES, FLAG, PARTIAL, REAL, Array, Block, K
 from lagrange.procedure.visit import Visitor, visits
 
 INLINE_ANGLES = 8
-"""Largest number of different angles whose sine and cosine are written out. A procedure with more angles calls a
-function, which bounds the compile time of a long chain.
+"""Largest number of sines and cosines of a procedure that are printed in place. A procedure with more of them calls a
+function for each, which bounds the compile time of a long chain.
 """
 
 OPERATIONS_PER_BLOCK = 200
@@ -62,29 +62,29 @@ LARGEST_ON_STACK = 50_000
 """Largest number of entries of a local array on the stack (400 kB). Larger arrays are on the heap."""
 
 FEW_RESULTS, MOST_TOGETHER = 16, 4
-"""Limits for storing results together. Functions called from outside with up to `FEW_RESULTS` results store up to
-`MOST_TOGETHER` of them at once. A step loads them four at a time. A processor forwards stored values to a load only if
-a single store covers the load. Otherwise a small step would take twice as long.
+"""Limits for vector stores of results. A kernel with up to `FEW_RESULTS` stores joins up to `MOST_TOGETHER` adjacent
+numbers to one store. A step loads results four at a time. A processor forwards stored values to a load only if a single
+store covers the load. Otherwise a small step would take twice as long.
 """
 
 LIKELY = {True: ", !prof !0", False: ", !prof !1", None: ""}
 METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}\n!1 = !{!"branch_weights", i32 1, i32 2000}\n'
-"""Branch weights for LLVM, at the end of a module."""
+"""Branch weights, printed at the end of a module. !0 marks a branch that is almost always taken, !1 a rare one."""
 
 ATTRIBUTES = (
     'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" "stackrealign" }\n'
     "attributes #1 = { nounwind }\n"
     "attributes #2 = { nounwind noinline optnone }\n"
 )
-"""Attributes of functions. #0 prefers vectors of eight reals, one register on processors with AVX-512. For functions
-with #1, LLVM chooses the width: with #0 it would copy blocks of four in pairs, which wait for stores of single numbers.
-Spills are aligned to cache lines. #2 is for code that runs once per set of parameters: it is compiled without
+"""LLVM attributes of functions. #0 prefers vectors of eight reals, one register on processors with AVX-512, and aligns
+the stack to cache lines. With #1 LLVM chooses the width: with #0 it would copy blocks of four numbers in pairs, which
+wait for stores of single numbers. #2 is for code that runs once per set of parameters: it is compiled without
 optimization.
 """
 
 
 def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = ()) -> str:
-    """Return the IR of `procedures` and of all procedures that they call.
+    """Return the IR of a module with `procedures` and all procedures that they call.
 
     Procedures in `elsewhere` are declared, but not defined: other modules have their code.
     """
@@ -94,10 +94,10 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
 
 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
-    """Return the IR of a module from the IR of its `functions`.
+    """Return the IR of a module that consists of `functions`, each given as IR.
 
-    `declared` are the declarations of procedures that other modules define. The other declarations and the attributes
-    that the functions need are added.
+    `declared` are declarations of procedures that other modules define. The declarations of library functions and the
+    attributes that the functions need are added.
     """
     angles = [
         angle_function(width) for width in form.WIDTHS if any(f"@{angle_name(width)}(" in text for text in functions)
@@ -108,7 +108,7 @@ def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
 
 
 def declaration(procedure: Procedure) -> str:
-    """Return the IR declaration of a procedure in another module."""
+    """Return the IR declaration of a procedure whose code is in another module."""
     kinds = ", ".join(argument_type(parameter.type) for parameter in procedure.parameters)
     return f"declare {result_type(procedure.results)} @{procedure.name}({kinds})"
 
@@ -121,21 +121,23 @@ def function(
     quickly: bool = False,
     outside: Container[Procedure] = (),
 ) -> str:
-    """Return the IR of one procedure.
+    """Return the IR of one procedure, without the procedures that it calls.
 
     A `hidden` procedure is local to its module, so LLVM may inline it into all callers. A `merged` procedure is
-    always inlined. A procedure that runs rarely is compiled `quickly`, without optimization. Procedures in
-    `outside` have the calling convention of functions that other code calls.
+    always inlined. A procedure that runs rarely is compiled `quickly`, without optimization. `outside` has the
+    procedures that other code, such as C, calls too: they and calls of them need another calling convention.
     """
     printer = Printer(procedure, outside=outside)
     return printer.function("internal " if hidden else "", "alwaysinline " if merged else "", quickly=quickly)
 
 
 class Printer(Visitor):
-    """Prints one procedure as LLVM IR. Statements refer to values and variables by ids.
+    """Prints one procedure as LLVM IR. Statements of a procedure refer to values and variables by ids.
 
-    `values` maps ids of values to operands, `variables` ids of variables to present operands. `wide` has the ids of
-    values and variables that are vectors, with one entry for each iteration of the `current` block.
+    An operand is a name or constant in IR. `values` maps the id of a value to its operand, and `variables` the id of a
+    variable to the operand of its present value. `wide` has the ids of values and variables that are vectors, with one
+    entry for each iteration of the `current` block. `outside` has the procedures that other code calls. `e` collects
+    the text. `angles` is the number of sines and cosines, or None if they are still to be counted.
     """
 
     def __init__(
@@ -161,21 +163,21 @@ class Printer(Visitor):
         self.current: IterationBlock | None = None
         self.operations = 0
         self.angles = angles
-        """Number of angles of the procedure, counted at the first angle."""
+        """Number of sines and cosines in the procedure, or None before the first of them is printed."""
         self.open = True
-        """False if the present block has ended with a return or a jump."""
+        """False if the block that is being printed has already ended with a return."""
         self.memories: list[tuple[str, str, int]] = []
-        """Local arrays of the open blocks: address, kind and size."""
+        """Local arrays of the blocks that are being printed: address, LLVM type and size of each."""
         self.free: dict[tuple[str, int], list[str]] = {}
-        """Stack memory that closed blocks have released, by type and size."""
+        """Addresses of stack memory that later local arrays may use again, by LLVM type and size."""
         self.together: list[tuple[int, int, str]] = []
-        """Stores that are delayed, to be merged with adjacent ones: array, index and value."""
+        """Delayed stores, which may be joined to a vector store: id of the array, index, and operand of the value."""
 
     def function(self, linkage: str, merging: str, *, quickly: bool = False) -> str:
-        """Return the IR of the procedure. `linkage` and `merging` are LLVM keywords for its head, or "".
+        """Return the IR of the procedure. `linkage` and `merging` are LLVM keywords in its first line, or "".
 
-        `linkage` may make it local to its module, and `merging` says whether it is inlined. A procedure that runs
-        rarely is compiled `quickly`, without optimization.
+        `linkage` "internal " makes the procedure local to its module. `merging` "alwaysinline " inlines it into its
+        callers. A procedure that runs rarely is compiled `quickly`, without optimization.
         """
         parameters = []
         for parameter in self.procedure.parameters:
@@ -202,7 +204,7 @@ class Printer(Visitor):
     # --- definitions of numbers
 
     def define(self, ref: int, value: str, kind: Type, *, wide: bool = False) -> None:
-        """Record the operand and type of the value with the id `ref`. `wide` is true for a vector over iterations."""
+        """Record operand and type of the value with the id `ref`, a vector over iterations of a loop if `wide`."""
         self.values[ref], self.types[ref] = value, kind
         if isinstance(kind, Kind):
             self.kinds[ref] = kind
@@ -210,15 +212,15 @@ class Printer(Visitor):
             self.wide[ref] = None
 
     def array(self, ref: int) -> Array:
-        """Return the type of the array with the id `ref`."""
+        """Return the type (length, kind of its entries) of the array with the id `ref`."""
         array_type = self.types[ref]
         assert isinstance(array_type, Array)
         return array_type
 
     def lanes(self, ref: int) -> int:
-        """Return the number of entries of the value or variable with the id `ref`.
+        """Return the number of iterations of an `each` loop for which the value or variable `ref` (id) has entries.
 
-        The result is the number of iterations that are printed as one vector, or 1 for a single number.
+        The result is 1 for a single number.
         """
         return self.current.lanes if self.current is not None and ref in self.wide else 1
 
@@ -230,7 +232,7 @@ class Printer(Visitor):
     def operand(self, ref: int, lanes: int) -> str:
         """Return the operand of the value with the id `ref`, as a vector of `lanes` entries.
 
-        A single number is broadcast.
+        If the value is a single number, all entries are this number.
         """
         if self.current is not None and ref == self.current.each.place:
             return self.current.indices
@@ -256,7 +258,7 @@ class Printer(Visitor):
         del self.memories[before:]
 
     def release(self, first: int = 0) -> None:
-        """Print calls that free the local arrays on the heap, from index `first` of the list `memories` on."""
+        """Print calls that free the local arrays on the heap, those from index `first` of `memories` on."""
         for memory, _, size in self.memories[first:]:
             if size > LARGEST_ON_STACK:
                 self.e.do(f"call void @free(ptr {memory})")
@@ -273,9 +275,9 @@ class Printer(Visitor):
         return memory
 
     def passes(self, statement: form.Statement) -> bool:
-        """Return True if a statement may be printed before the stores that are delayed, which are to one array.
+        """Return True if the delayed stores, all to one array, may stay delayed while a statement is printed.
 
-        The statement must not access the array, or it must be a store to the array's next entry, which is delayed too.
+        The statement must not access this array, or it must be a store to the next entry, which is then delayed, too.
         """
         match statement:
             case form.Let() | form.SineCosine():
@@ -288,7 +290,7 @@ class Printer(Visitor):
         return False
 
     def store_together(self) -> None:
-        """Print the delayed stores; adjacent numbers are stored four or two at a time."""
+        """Print the delayed stores, which are to adjacent entries, as stores of four, two or single numbers."""
         e, stores = self.e, self.together
         self.together = []
         while stores:
@@ -301,7 +303,7 @@ class Printer(Visitor):
 
     @visits(form.Note)
     def note(self, note: form.Note) -> None:
-        """Print a note of the procedure as a comment."""
+        """Print a note, a text in the procedure for its readers, as comments of IR."""
         self.e.lines += [f"  ; {line}" for line in note.text.splitlines()]
 
     @visits(form.Reserve)
@@ -311,13 +313,13 @@ class Printer(Visitor):
 
     @visits(form.SineCosine)
     def pair(self, pair: form.SineCosine) -> None:
-        """Print a sine and a cosine of the same angle."""
+        """Print the computation of the sine and the cosine of one angle."""
         for ref, value in zip((pair.sine, pair.cosine), self.angle(pair.angle), strict=True):
             self.define(ref, value, self.types[pair.angle], wide=self.lanes(pair.angle) > 1)
 
     @visits(form.ReserveRecord, form.Part)
     def place(self, statement: form.ReserveRecord | form.Part) -> None:
-        """Print the address of a new record, whose numbers are zero, or of a part of an array."""
+        """Print the allocation of a record with zeros, or the computation of the address of a part of an array."""
         if isinstance(statement, form.ReserveRecord):
             count = len(statement.record.fields) * statement.record.lanes
             self.define(statement.ref, self.e.reserve(numbers := f"[{count} x i64]"), statement.record)
@@ -343,7 +345,7 @@ class Printer(Visitor):
 
     @visits(*form.VECTOR_STATEMENTS)
     def on_vectors(self, statement: form.VectorStatement) -> None:
-        """Print a statement on short vectors."""
+        """Print a statement on vectors that the procedure itself declares, such as a vector load or a gather."""
         match statement:
             case form.VectorStore():
                 store(self, statement)
@@ -361,7 +363,7 @@ class Printer(Visitor):
                 self.define(ref, self.e.load(where, type_of(*vector)), vector)
 
     def angle(self, ref: int) -> tuple[str, str]:
-        """Print the sine and cosine of the angle `ref`, inline or by a function call, and return both operands."""
+        """Print the sine and cosine of the angle with the id `ref`, in place or as a call, and return both operands."""
         if self.angles is None:
             in_lanes = any(isinstance(parameter.type, Vector) for parameter in self.procedure.parameters)
             self.angles = INLINE_ANGLES + 1 if in_lanes else number_of_angles(self.procedure.body)
@@ -371,7 +373,7 @@ class Printer(Visitor):
 
     @visits(form.Load, form.Store, form.Read, form.Write)
     def memory(self, statement: form.Load | form.Store | form.Read | form.Write) -> None:
-        """Print the read or write of an array or record."""
+        """Print the load or store of an array entry, or of a field of a record."""
         e = self.e
         match statement:
             case form.Load(ref=ref, kind=kind, array=array, place=index):
@@ -400,7 +402,7 @@ class Printer(Visitor):
         return self.e.address(self.values[ref], held.places[field] * held.lanes, KINDS[held.kind(field)])
 
     def store(self, store: form.Store) -> None:
-        """Print the store of a number to an array. Of a vector, only entries of existing iterations are stored."""
+        """Print the store of numbers to an array. Of a vector, entries after a loop's last iteration are not stored."""
         e, lanes, array = self.e, self.lanes(store.place), self.array(store.array)
         where = number(self.values[store.place]) if lanes == 1 and array.kind is REAL else None
         if self.stores_together and self.current is None and where is not None:
@@ -421,7 +423,7 @@ class Printer(Visitor):
 
     @visits(form.Declare, form.Get, form.Set)
     def variable(self, statement: form.VariableStatement) -> None:
-        """Print the declaration, read or assignment of a variable. A variable declared in an `each` is a vector."""
+        """Print the declaration, read or assignment of a variable. In an `each` loop a variable is a vector."""
         lanes = 1 if self.current is None else self.current.lanes
         match statement:
             case form.Declare(ref=ref, kind=kind, value=value):
@@ -434,7 +436,7 @@ class Printer(Visitor):
 
     @visits(form.Call)
     def call(self, call: form.Call) -> None:
-        """Print a call and define its results."""
+        """Print the call of a procedure or a callback, and record the operands of its results."""
         if isinstance(call.callee, Procedure):
             types = tuple(parameter.type for parameter in call.callee.parameters)
             arguments = [
@@ -449,19 +451,19 @@ class Printer(Visitor):
         self.called(call, f"{self.values[call.callee]}({', '.join(arguments)})", held.results, foreign=True)
 
     def callback_argument(self, kind: Kind | Array, arg: int) -> str:
-        """Return an argument of a callback as IR: the type of the callback's parameter, and the operand.
+        """Return one argument in the call of a callback as IR: its LLVM type, then its operand.
 
-        `kind` is the type of the parameter, and `arg` the id of the argument.
+        `kind` is the type of the callback's parameter, and `arg` the id of the value passed to it.
         """
         if kind is FLAG:
             return f"i32 {self.e.value(f'zext i1 {self.values[arg]} to i32')}"
         return f"{argument_type(kind)} {self.values[arg]}"
 
     def called(self, call: form.Call, what: str, results: Sequence[Kind | Vector], *, foreign: bool = False) -> None:
-        """Print a call and define its results.
+        """Print a call, and record the operands of its results.
 
-        `what` is the IR of the callee with its arguments. `results` are the types of the results. A `foreign`
-        function, one that other code calls too, returns flags as C's ints.
+        `what` is the IR of the callee with its arguments, and `results` are the types of the results. With `foreign`
+        the callee is a callback or a function for other code, which returns flags as C's ints.
         """
         e = self.e
         types = [foreign_type(kind) if foreign else argument_type(kind) for kind in results]
@@ -478,7 +480,7 @@ class Printer(Visitor):
 
     @visits(form.Leave)
     def leave(self, leave: form.Leave) -> None:
-        """Print the return from the procedure."""
+        """Print the return from the procedure with its results, after its local arrays on the heap are freed."""
         self.release()
         pairs = zip(leave.values, self.procedure.results, strict=True)
         values = [
@@ -492,7 +494,7 @@ class Printer(Visitor):
 
     @visits(form.When, form.Loop, form.Repeat, form.Each)
     def control(self, statement: form.ControlStatement) -> None:
-        """Print a branch or a loop."""
+        """Print an if statement or a loop."""
         match statement:
             case form.When():
                 self.when(statement)
@@ -509,7 +511,7 @@ class Printer(Visitor):
                 self.each(statement)
 
     def when(self, when: form.When) -> None:
-        """Print a branch."""
+        """Print an if statement, with a phi for each variable that has different values after its two branches."""
         e, name, before = self.e, self.e.fresh("if"), dict(self.variables)
         other = f"{name}.else" if when.otherwise else f"{name}.end"
         e.do(f"br i1 {self.values[when.condition]}, label %{name}.then, label %{other}{LIKELY[when.likely]}")
@@ -535,11 +537,11 @@ class Printer(Visitor):
     def repeated(
         self, inside: Block, index: int | None, start: str, step: int, body: Block | None = None
     ) -> Iterator[str]:
-        """Print a loop. The `with` block prints the condition, after which the method prints the body.
+        """Print a loop. The code of the caller's `with` block prints the condition; then this method prints the body.
 
         Yields the loop's name NAME. The condition must end with a branch to the label NAME.body or NAME.end. `inside`
-        has all statements of the loop, condition included. `body` are the statements of the body, None if they are the
-        same. `index` is the id of a counter that begins at `start` and grows by `step`, None without a counter.
+        has the statements of both condition and body, and `body` those of the body. None means that all statements are
+        in the body. `index` is the id of a counter that begins at `start` and grows by `step`, None without a counter.
         """
         e, name = self.e, self.e.fresh("loop")
         variables = dict.fromkeys(s.variable for s in form.walk(inside) if isinstance(s, form.Set))
@@ -574,7 +576,7 @@ class Printer(Visitor):
     # --- vectors of iterations
 
     def each(self, each: form.Each) -> None:
-        """Print an `each` loop, by vectors of iterations if its arrays have room for whole vectors."""
+        """Print an `each` loop. If its arrays have room for whole vectors, a vector holds several iterations."""
         width = PARTIAL if any(fold.op in form.SUMS for fold in each.folds) else each.width
         whole = base_arrays(each.body)
         through = [

@@ -10,7 +10,7 @@ import llvmlite.binding as llvm
 
 @cache
 def start() -> None:
-    """Set up LLVM for this process: its target and the library of mathematical functions."""
+    """Set up LLVM for this process: compilation for this processor, and the C library of mathematical functions."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     mathematics = ctypes.util.find_library("m")

@@ -24,7 +24,7 @@ HALF_PI = 1.5707963267948966
 HALF_PI_SECOND = 6.12323399538461e-17
 HALF_PI_THIRD = 3.5215598651832e-27
 ROUNDER = 1.5 * 2.0**52
-"""Number whose addition rounds to an integer, which is then in the low bits of the sum."""
+"""Number that rounds x to an integer when it is added to x: the integer is then in the low bits of the sum."""
 
 SINE = (
     -1.66666666666666324348e-01,
@@ -45,7 +45,7 @@ COSINE = (
 
 
 def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
-    """Emit the computation of sin(x) and cos(x) in place, and return both operands.
+    """Emit the computation of sin(x) and cos(x), without a call, and return both operands.
 
     The operand `x` is a number, or a vector of `lanes` numbers.
     """
@@ -60,7 +60,7 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     before = e.block
     e.do(f"br i1 {every}, label %{name}.join, label %{name}.far, !prof !0")
     e.label(f"{name}.far")
-    # A lane in the near range has the same bits whatever the other lanes contain.
+    # Lanes with |x| < RANGE keep the values computed above. So their bits do not depend on the other lanes.
     far = [
         e.value(f"select {type_of(FLAG, lanes)} {near}, {kind} {near_value}, {kind} {far_value}")
         for near_value, far_value in zip(pair, _by_library(e, x, lanes), strict=True)
@@ -75,14 +75,14 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 
 def angle_function(lanes: int) -> str:
-    """Return the IR of a function that returns the sine and the cosine of a vector of `lanes` angles."""
+    """Return the IR of a function that computes both sine and cosine of `lanes` angles, passed as a vector."""
     e, kind = Emitter(), type_of(REAL, lanes)
     give(e, (kind, kind), sine_and_cosine(e, "%x", lanes))
     return e.function(f"define internal {together((kind, kind))} @{angle_name(lanes)}({kind} %x) #0")
 
 
 def angle_name(lanes: int) -> str:
-    """Return the name of the function in IR for the sine and the cosine of a vector of `lanes` angles."""
+    """Return the name of the function that `angle_function(lanes)` defines."""
     return "sine_and_cosine" if lanes == 1 else f"sine_and_cosine_{lanes}"
 
 
@@ -137,12 +137,11 @@ def _near(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 
 def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers: str, lanes: int) -> tuple[str, str]:
-    """Emit the sine and cosine of an angle from the sine and cosine of its remainder, and return both operands.
+    """Emit the sine and cosine of an angle x from those of the remainder x - n pi/2, and return both operands.
 
-    The remainder is the angle less n pi/2, where n is the number of the quadrant. `sine` and `cosine` are those of
-    the remainder. Sine and cosine are exchanged in odd quadrants, and the quadrant gives their signs. n is in the
-    low bits of `rounded`. `kind` is the LLVM type of the operands, and `integers` the type of the same number of
-    integers.
+    `sine` and `cosine` are those of the remainder. The integer n is in the low bits of `rounded`. Sine and cosine are
+    exchanged for odd n, and n gives their signs. The operands are vectors with `lanes` numbers, or numbers. `kind` is
+    their LLVM type, and `integers` that of vectors with as many integers.
     """
 
     def whole(value: int) -> str:
@@ -164,7 +163,7 @@ def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers:
 
 
 def _by_library(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
-    """Emit calls of the C library's sine and cosine for each lane, and return both operands."""
+    """Emit calls of the C library's `sincos` for the `lanes` numbers in `x`, and return both operands."""
     pair = [e.reserve("double"), e.reserve("double")]
     if lanes == 1:
         e.do(f"call void @sincos(double {x}, ptr {pair[0]}, ptr {pair[1]})")

@@ -18,12 +18,15 @@ if TYPE_CHECKING:
     from lagrange.machine.llvm.procedures import Printer
 
 UNROLLED_VECTORS = 2
-"""Largest number of vectors of iterations for which a loop is written out."""
+"""Largest number of vectors, each with several iterations, up to which an `each` loop is printed without a loop."""
 
 
 @dataclass(frozen=True)
 class IterationBlock:
-    """Iterations of an `each` loop that are printed as one vector: from `offset` on, where `mask` is true."""
+    """Iterations of the loop `each` that are printed as one vector: `lanes` of them, from iteration `offset` on.
+
+    Iterations where `mask` is false are after the last one. `mask` is "" if all exist, or if the others do no harm.
+    """
 
     each: form.Each
     lanes: int
@@ -39,12 +42,12 @@ class Lanes:
     def __init__(self, printer: Printer, each: form.Each, lanes: int) -> None:
         self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
         self.stride = max(lanes, PARTIAL) if any(fold.op in SUMS for fold in each.folds) else lanes
-        """Number of iterations of the `each` in one pass of the printed loop: with a sum, at least one for each partial
-        sum.
+        """Number of iterations of `each` in one pass of the printed loop. With a sum, there is at least one for each
+        partial sum.
         """
 
     def run(self) -> None:
-        """Print the LLVM IR of the loop: its iterations, then the results of its reductions.
+        """Print the LLVM IR of the loop: its iterations, then the results of its reductions, such as a sum.
 
         A few iterations are written out one after the other; many are printed as a loop.
         """
@@ -69,7 +72,7 @@ class Lanes:
             printer.define(fold.ref, self.total(fold, partials), REAL)
 
     def outside(self) -> list[int]:
-        """Return the ids of single values that the iterations use and that are defined before the loop."""
+        """Return the ids of the numbers that the iterations use but that are defined before the loop."""
         if self.lanes == 1:
             return []
         refs: dict[int, None] = {}
@@ -81,10 +84,10 @@ class Lanes:
         return list(refs)
 
     def rest(self, sums: list[list[str]], begin: int, count: int) -> None:
-        """Print the iterations from `begin` up to, but not including, `count` one after the other.
+        """Print the iterations from `begin` up to, but not including, `count` without a loop.
 
-        `sums` has, for each reduction, the operands of its partial results. The results of the iterations are added
-        to them in place.
+        `sums` has, for each reduction, the operands of its partial results. They are replaced by operands that include
+        these iterations.
         """
         for offset in range(begin, count, self.lanes):
             inside = [k < count - offset for k in range(self.lanes)]
@@ -96,7 +99,7 @@ class Lanes:
         """Print the iterations below `count` as a loop that takes `stride` iterations at a time.
 
         `sums` has, for each reduction, the operands of its partial results. The loop carries them, and they are
-        replaced by their final values.
+        replaced by the operands of their values after the loop.
         """
         e = self.e
         flat = [(i, k) for i, partials in enumerate(sums) for k in range(len(partials))]
@@ -113,10 +116,10 @@ class Lanes:
             sums[i][k] = value
 
     def mask(self, index: str, count: str) -> str:
-        """Return the operand of a mask for one vector of iterations, which begins at the operand `index`.
+        """Return the operand of the mask of one vector of iterations, which begins at the operand `index`.
 
-        The mask is true for iterations below `count`. The operand is empty, for no mask, if all iterations of the
-        vector exist, or if the extra ones do no harm.
+        The mask is true for iterations below `count`, which exist. The result is "", for no mask, if all iterations of
+        the vector exist, or if the extra ones do no harm.
         """
         stores = not self.each.spill and any(
             isinstance(statement, form.Store) for statement in accesses(self.each.body)
@@ -127,7 +130,7 @@ class Lanes:
         return e.value(f"icmp slt {kind} {self.places(index)}, {splat(e, count, WHOLE, self.lanes)}")
 
     def places(self, offset: str) -> str:
-        """Return the operand of the vector of iteration indices `offset`, `offset` + 1, and so on."""
+        """Return the operand of a vector with the indices `offset`, `offset` + 1 and so on of its iterations."""
         if self.lanes == 1:
             return offset
         if not offset.startswith("%"):
@@ -137,7 +140,7 @@ class Lanes:
         return self.e.value(f"add nsw {kind} {splat(self.e, offset, WHOLE, self.lanes)}, {steps}")
 
     def take(self, offset: str, mask: str) -> None:
-        """Print one vector of iterations from iteration `offset` on. `mask` is true for iterations that exist."""
+        """Print the loop's body for one vector of iterations, from `offset` on. `mask` is true for those that exist."""
         printer = self.printer
         printer.current = IterationBlock(self.each, self.lanes, offset, mask, self.places(offset))
         printer.define(self.each.place, offset, WHOLE, wide=self.lanes > 1)
@@ -146,7 +149,7 @@ class Lanes:
         printer.variables = {variable: printer.variables[variable] for variable in outside}
 
     def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
-        """Combine the results of one vector of iterations with the partial results `sums` of each reduction.
+        """Add one vector of iterations to each reduction: combine its values with a partial result in `sums`.
 
         The vector begins at iteration `begin`. Iterations for which the mask is false are left out.
         """
@@ -164,7 +167,7 @@ class Lanes:
                 partials[slot] = self.e.value(f"select <{self.lanes} x i1> {mask}, {both}")
 
     def total(self, fold: form.Fold, partials: list[str]) -> str:
-        """Return the result of the reduction `fold` from its partial results, which are combined in a fixed order."""
+        """Print the combination of partial results of the reduction `fold`, in a fixed order. Return its operand."""
         e = self.e
         if fold.op == "magnitude" and self.lanes > 1:
             return largest_magnitude(e, partials[0], self.lanes)
@@ -180,7 +183,7 @@ class Lanes:
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
     """Print the combination of a partial result `total` with one more value, and return the operand of the result.
 
-    `op` is the operation of the reduction, such as add. With `lanes` above 1 both operands are vectors.
+    `op` is the operation of the reduction, such as "add". With `lanes` above 1 both operands are vectors.
     """
     if op != "most":
         return spell(e, op, (REAL, REAL), [total, value], lanes)
@@ -189,19 +192,19 @@ def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
 
 
 def accesses(block: Block) -> Iterator[form.Load | form.Store]:
-    """Yield the reads and writes of arrays in a block."""
+    """Yield the statements of a block, nested ones included, that read or write an array entry."""
     return (statement for statement in walk(block) if isinstance(statement, (form.Load, form.Store)))
 
 
 def number_of_angles(block: Block) -> int:
-    """Return the number of sines and cosines in a block. A pair of the same angle counts once."""
+    """Return the number of sines and cosines in a block. A statement that computes both of one angle counts once."""
     operations = (statement for statement in walk(block) if isinstance(statement, (form.Let, form.VectorLet)))
     angles = sum(operation.op in ANGLES for operation in operations)
     return angles + sum(isinstance(statement, form.SineCosine) for statement in walk(block))
 
 
 def widest(block: Block) -> int:
-    """Return the largest vector width in a block, at least 1: the width of a vector, or of an `each` loop."""
+    """Return the largest width of a vector or of an `each` loop in a block, at least 1."""
     vectors = (
         statement.vector.width
         for statement in walk(block)
@@ -225,14 +228,14 @@ def number(value: str) -> int | None:
 
 
 def _vector(printer: Printer, ref: int) -> Vector:
-    """Return the type of the vector with the id `ref`. `printer` prints the procedure."""
+    """Return the type of the vector with the id `ref`, in the procedure that `printer` prints."""
     vector = printer.types[ref]
     assert isinstance(vector, Vector)
     return vector
 
 
 def operation(printer: Printer, let: form.VectorLet) -> str:
-    """Print an operation on vectors and return its operand."""
+    """Print the operation on vectors that `let` states, and return the operand of its result."""
     e, (_, width) = printer.e, let.vector
     if let.op == "permute":
         return _permuted(printer, let)
@@ -243,8 +246,7 @@ def operation(printer: Printer, let: form.VectorLet) -> str:
 def _permuted(printer: Printer, let: form.VectorLet) -> str:
     """Emit a vector whose entries come from other vectors or are single values, and return its operand.
 
-    The statement `let` has the operation `permute` and says where each entry comes from. Entries of each vector are
-    moved and merged; single values are inserted.
+    The statement `let` has the operation `permute` and states where each entry comes from.
     """
     e, (kind, width), begin = printer.e, let.vector, 0
     single: dict[int, str] = {}
@@ -264,7 +266,7 @@ def _permuted(printer: Printer, let: form.VectorLet) -> str:
 
 
 def _moved(e: Emitter, kind: Kind, vector: str, count: int, sources: Mapping[int, int], width: int) -> str:
-    """Emit a vector of `width` entries, taken from the entries of `vector`, and return its operand.
+    """Emit a new vector of `width` entries that are taken from `vector`, and return its operand.
 
     `sources` maps an index in the new vector to an index in `vector`, which has `count` entries of the given
     `kind`. Entries of the new vector without a source are undefined.
@@ -277,7 +279,7 @@ def _moved(e: Emitter, kind: Kind, vector: str, count: int, sources: Mapping[int
 
 
 def _merged(e: Emitter, kind: Kind, a: str, b: str, chosen: frozenset[int], width: int) -> str:
-    """Emit vector `a`, in which the entries `chosen` (indices) are replaced by those of `b`; return its operand."""
+    """Emit a vector with the entries of `b` at the indices `chosen` and those of `a` elsewhere; return its operand."""
     vector_type = type_of(kind, width)
     mask = ", ".join(f"i32 {width + k if k in chosen else k}" for k in range(width))
     return e.value(f"shufflevector {vector_type} {a}, {vector_type} {b}, <{width} x i32> <{mask}>")
@@ -286,8 +288,8 @@ def _merged(e: Emitter, kind: Kind, a: str, b: str, chosen: frozenset[int], widt
 def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single: Mapping[int, str], width: int) -> str:
     """Emit the vector `made` with single values inserted, and return its operand.
 
-    `single` maps an index to the value for this entry. All constants are inserted by one instruction. `filled` are
-    the indices of the entries of `made` that are defined. `made` is "" if no entry is defined.
+    `single` maps an index to the value for this entry. `filled` are the indices of the entries of `made` that are
+    defined. `made` is "" if there are none. All constants are inserted by one instruction.
     """
     values, name = list(dict.fromkeys(single.values())), KINDS[kind]
     if len(values) == 1 and not filled:
@@ -304,7 +306,7 @@ def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single:
 
 
 def reduced(printer: Printer, reduce: form.Reduce) -> str:
-    """Emit one entry of a vector, or the flag that is true if any entry is true, and return its operand."""
+    """Emit one number from a vector, and return its operand: an entry, or a flag that is true if any entry is true."""
     e, value, (kind, width) = printer.e, printer.values[reduce.vector], _vector(printer, reduce.vector)
     if reduce.op == "entry":
         return e.value(f"extractelement {type_of(kind, width)} {value}, i64 {reduce.place}")
@@ -313,7 +315,7 @@ def reduced(printer: Printer, reduce: form.Reduce) -> str:
 
 
 def gathered(printer: Printer, gather: form.Gather) -> str:
-    """Emit the read of the entries of an array at the indices in a vector, and return the operand of the result."""
+    """Emit a gather, the read of array entries at the indices in a vector, and return the operand of the result."""
     kind, width = gather.vector
     vector, name = type_of(kind, width), f"llvm.masked.gather.{suffix(type_of(kind, width))}.v{width}p0"
     arguments = f"{_pointers(printer, gather, kind, width)}, i32 8, <{width} x i1> {printer.values[gather.mask]}"
@@ -327,7 +329,7 @@ def _pointers(printer: Printer, statement: form.Gather | form.Scatter, kind: Kin
 
 
 def scatter(printer: Printer, scatter: form.Scatter) -> None:
-    """Print the masked store of a vector to those entries of an array whose indices are in another vector."""
+    """Print a scatter: the entries of a vector, where the mask is true, are stored at the indices in another vector."""
     kind, width = _vector(printer, scatter.value)
     vector, mask = type_of(kind, width), f"<{width} x i1> {printer.values[scatter.mask]}"
     arguments = f"{vector} {printer.values[scatter.value]}, <{width} x ptr> {_pointers(printer, scatter, kind, width)}"
@@ -335,7 +337,7 @@ def scatter(printer: Printer, scatter: form.Scatter) -> None:
 
 
 def store(printer: Printer, store: form.VectorStore) -> None:
-    """Print the store of a vector to adjacent entries of an array."""
+    """Print the store of a vector to adjacent entries of an array. Where its mask, if any, is false, none changes."""
     (kind, width), value = _vector(printer, store.value), printer.values[store.value]
     vector = type_of(kind, width)
     address = printer.e.address(printer.values[store.array], printer.values[store.place], KINDS[kind])
