@@ -29,8 +29,8 @@ from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.run import Flow
 
 Engine = RunEngine | FlowEngine | LaneEngine
-"""Object that runs members, `side_by_side` of them at the same time. The result of a member depends only on its initial
-values."""
+"""Type of an object that runs members of an ensemble, `side_by_side` of them at the same time. The result of a member
+does not depend on the members that run with it."""
 
 ENGINES_KEPT = 4
 """Largest number of ensembles whose compiled code a worker process keeps. The oldest code is dropped."""
@@ -38,10 +38,11 @@ ENGINES_KEPT = 4
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The data that all members of an ensemble share: problem, options, and the selection of results to store.
+    """The data that all members of an ensemble share, from which each process creates the engine that runs them.
 
-    `problem` is the problem of the first member; others differ in initial state and parameters. `keep` is the
-    selection. `varying` is True if each member has its own parameters.
+    `problem` is the initial value problem of the first member; others differ in initial state and parameters. `options`
+    are those of the runs, such as the method. `keep` is the selection of results to store. `varying` is True if each
+    member has its own parameters.
     """
 
     problem: Problem
@@ -57,12 +58,15 @@ class Job:
         return self.keep.columns(problem.model.layout.size, outputs, len(problem.events), INTERRUPTED)
 
     def engine(self) -> Engine:
-        """Return the object that runs members: in vector lanes if possible, else by a `Flow`, else one by one."""
+        """Return the object that runs members: in vector lanes if possible, else one by one, by a `Flow` if possible.
+
+        A `Flow` is a compiled function that returns only the last state, which is faster than a full run.
+        """
         problem, method, single = self.problem, self.options.method, self.single
         if not isinstance(method, Planned) or problem.t0 == problem.t1:
             return single
         lanes = lane_engine(single, method.plan(problem), problem, varying=self.varying)
-        # Events may end a run, or change its state and parameters; a flow has none.
+        # Events may end a run, or change its state and parameters. A flow has no events.
         flows = single.options.events is None and BY_FLOW.issuperset(column.name for column in single.columns)
         return lanes or (FlowEngine(single, Flow(single.model, single.options)) if flows else single)
 
@@ -96,9 +100,9 @@ class Job:
 class ChunkResult:
     """The results `ends` of a chunk of members, and how they were run.
 
-    `seconds` is the time that the chunk took. `form` describes in words how its members were run, and `side_by_side` is
-    the number of members that ran at the same time. `processor` names the processor for which another process compiled
-    the code. It is "" for chunks of this process, and for runs without compiled code.
+    `seconds` is the time that the chunk took. `form` says in words how its members were run, and `side_by_side` is the
+    number of members that ran at the same time. If another process ran the chunk with compiled code, `processor` names
+    its processor. Otherwise `processor` is "".
     """
 
     ends: Results
@@ -115,8 +119,8 @@ _LOCK = Lock()
 def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
     """Run a chunk of members in a worker process, and return their results.
 
-    `job` is the pickled `Job` of the ensemble, which the process compiles once. `starts` has the members' initial
-    values.
+    `job` is the pickled `Job` of the ensemble. The process compiles it at the first chunk. `starts` has the initial
+    values of the members.
     """
     key = hashlib.sha256(job).digest()
     with _LOCK:
@@ -130,7 +134,7 @@ def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
 
 
 def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
-    """Run a chunk of members by `engine` from their initial values `starts`; return the results and the time it took.
+    """Run a chunk of members by `engine` from the initial values `starts`, and return their results with the duration.
 
     `stopped` is called without arguments. When it returns True, no further member may begin.
     """
@@ -140,7 +144,7 @@ def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
 
 
 MOST_WORKERS = 1024
-"""Largest accepted number of threads. No machine has more processors."""
+"""Largest number of threads that a user may request. No machine has more processors."""
 
 
 def processors() -> int:
@@ -149,7 +153,7 @@ def processors() -> int:
 
 
 def threads_of(workers: Any) -> int:
-    """Return the user's number of `workers`, checked, or the number of processors if it is None."""
+    """Return the checked number of threads for the user's option `workers`; None means the number of processors."""
     return processors() if workers is None else whole_number(workers, "workers", 1, MOST_WORKERS)
 
 
@@ -157,13 +161,13 @@ CHUNKS_PER_WORKER = 2
 """Number of chunks submitted for each worker of an executor: one runs, and the next one waits."""
 
 AT_ONCE, SENT = 0.1, 0.5
-"""Planned duration of a chunk of members in seconds: on threads, and by an executor. A delay of 0.1 s is not noticed.
-An executor costs this process some milliseconds for each chunk. With chunks of 0.1 s, two workers of Dask would take
-1.07 times as long."""
+"""Planned duration of a chunk of members in seconds. `AT_ONCE`: on threads, where a user does not notice a delay of
+0.1 s. `SENT`: by an executor, which costs this process some milliseconds for each chunk. With chunks of 0.1 s, two
+workers of Dask would take 1.07 times as long."""
 
 
 class ThreadRunner:
-    """Runs chunks of members on threads. The machine code of the engine releases the interpreter lock."""
+    """Runs chunks of members on `workers` threads by `engine`, whose machine code releases the interpreter lock."""
 
     chunk_seconds = AT_ONCE
 
@@ -186,7 +190,7 @@ class ThreadRunner:
 
 
 class ExecutorRunner:
-    """Runs chunks of members by an executor of the user. The executor stays open, because the user closes it."""
+    """Runs chunks of members by an executor of the user, such as a ProcessPoolExecutor, which the user closes."""
 
     chunk_seconds = SENT
 
@@ -222,24 +226,24 @@ class ExecutorRunner:
 
 
 Runner = ThreadRunner | ExecutorRunner
-"""Object that runs chunks: up to `places` of them at once, each for about `chunk_seconds`."""
+"""Type of an object that runs chunks of members: up to `places` chunks at once, each for about `chunk_seconds`."""
 
 FIRST_CHUNK, LARGEST_CHUNK = 8, 65536
-"""Number of members in the first chunks, whose duration is not yet known, and largest number of members in a chunk."""
+"""Number of members in each of the first chunks, until a chunk has been timed, and the largest number in any chunk."""
 
 GOES_ON = "With store= the same call goes on where this one stopped."
 
 Take = Callable[[int, ChunkResult], None]
-"""Callback that receives the results of a chunk. Its arguments are the index of the chunk's first member, and the
-results."""
+"""Type of a callback that receives the results of a chunk of members. Its arguments are the index of the chunk's first
+member in the ensemble, and the results."""
 
 
 def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
     """Run the members of `blocks`, pairs (first, end) with end excluded, in chunks, in order of their index.
 
-    `runner` runs the chunks, on threads or by an executor. `take` is called in this thread with the results of each
-    chunk, in the order in which chunks finish. After an error or Ctrl-C, the running chunks finish, and `take` gets
-    their results, too.
+    `table` has the initial values of all members. `runner` runs the chunks, on threads or by an executor. `take` is
+    called in this thread with the results of each chunk, in the order in which chunks finish. After an error or Ctrl-C,
+    the running chunks finish, and `take` gets their results, too.
     """
     size = FIRST_CHUNK
     done: SimpleQueue[tuple[int, int, Any]] = SimpleQueue()
@@ -250,7 +254,7 @@ def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: R
         first, count, future = done.get()
         del under_way[first]
         result = _result(future)
-        # The next chunks take about `chunk_seconds`, and have at least the members that run at the same time.
+        # The next chunks are to take about `chunk_seconds`, and to have at least the members that run at the same time.
         fitting = int(count * runner.chunk_seconds / max(result.seconds, 1e-9))
         size = min(max(fitting, result.side_by_side), 4 * size, LARGEST_CHUNK)
         take(first, result)
@@ -335,12 +339,12 @@ def _working() -> Iterator[None]:
 
 @dataclass
 class ResultCollector:
-    """Stores the results of chunks as they are finished, and reports the number of members that have results.
+    """Callback that stores the results of each finished chunk, and reports the number of members that have results.
 
     `processor` names the processor for which this process compiles, or is "". `store` is called with the index of the
     first member of a chunk and the chunk's results. `before` is the number of members that had results at the start of
-    the call, and `ran` the number of members that were run since then. `report` is called with `before` + `ran`, or is
-    None. The keys of `forms` are descriptions of how members were run. The keys of `processors` are the processors for
+    the ensemble's call, and `ran` the number of members run since then. `report` is called with `before` + `ran`, or is
+    None. The keys of `forms` are phrases that say how members were run. The keys of `processors` are the processors for
     which other processes compiled.
     """
 
@@ -364,10 +368,10 @@ class ResultCollector:
 
     @property
     def form(self) -> str:
-        """Text that describes how members were run, for the printed summary of an ensemble.
+        """Text that says how members were run, for the printed summary of an ensemble.
 
-        A note is added if workers without llvmlite or with another processor ran members, since the last digits of
-        their results may differ from results of this machine.
+        A note is added if workers without llvmlite or with another processor ran members, because the last digits of
+        their results may differ from those of this machine.
         """
         notes = ["; ".join(self.forms) or "all members were stored"]
         if self.processor and any(form.endswith(BY_NUMPY) for form in self.forms):
@@ -378,7 +382,7 @@ class ResultCollector:
 
 
 def results_in_memory(job: Job, table: MemberTable) -> Results:
-    """Return blank results of an ensemble. Raises StatementError if they exceed a quarter of the memory."""
+    """Return blank arrays for an ensemble's results. Raises StatementError if they exceed a quarter of the memory."""
     members, columns = len(table), job.columns
     size, limit = members * sum(column.bytes for column in columns), machine_memory() / MEMORY_DIVISOR
     if size > limit:

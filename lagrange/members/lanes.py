@@ -68,14 +68,14 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 MOST_WRITTEN_OUT = 3500
 """Largest number of operations of a Taylor series whose code is unrolled over its orders. The unrolled code takes 0.97
 times as long as a loop for a triple pendulum (2,900 operations), 1.03 times for a chain of four links (4,000), and 1.17
-times for a chain of ten (10,600). Compiling the unrolled code takes twice as long."""
+times for a chain of ten (10,600). It takes twice as long to compile."""
 
 ABOUT = "Write the parameters, then all values that depend only on them."
 
 
 @dataclass(frozen=True)
 class MemberTasks:
-    """Tasks of the machine code of members besides steps: reductions and events.
+    """What the machine code that runs members of an ensemble computes besides steps: reductions and events.
 
     `reductions` are expressions that are reduced to one number along the steps. `path` is the dense output that
     reductions and events use, or None. `varying` is True if each member has its own parameters. `watched` are the event
@@ -97,9 +97,9 @@ class Compiled:
     """The machine code that runs members of a model in vector lanes, with the constant arrays that it reads.
 
     `prepare` computes an array of `size` values: the parameters, then all values that depend only on them. It is None
-    if each member has its own parameters, since the code then computes these values. `observed` is the number of values
-    that are computed for a state: the energy and the momenta. `read` has the constant arrays by argument name. `events`
-    is the number of the user's events.
+    if each member has its own parameters, since `code` then computes these values. `observed` is 1 + n: the energy and
+    the n momenta, which the code computes at the start and the end of each run. `read` has the constant arrays by
+    argument name. `events` is the number of the user's events.
     """
 
     code: MemberRuns
@@ -113,9 +113,9 @@ class Compiled:
 class _Parts(NamedTuple):
     """The procedures from which the code that runs members is generated.
 
-    `kernels` evaluate the programs that `_programs` returns, and have the same names. `numbers` computes the values
-    that depend only on parameters, and `observed` the energy and momenta. `sampled` computes the expressions that are
-    reduced; it is None if there are none.
+    `kernels` evaluate the programs that `_programs` returns, by the same names. `numbers` computes the values that
+    depend only on parameters, and `observed` the energy and momenta. `sampled` computes the expressions that are
+    reduced along the run; it is None if there are none.
     """
 
     kernels: Mapping[str, Procedure]
@@ -125,9 +125,9 @@ class _Parts(NamedTuple):
 
 
 def compiled_members(model: Model, plan: Plan, tasks: MemberTasks) -> Compiled:
-    """Return the compiled code that runs members of a model by the method of a `plan`.
+    """Return the machine code that runs members of an ensemble of `model` by the method of `plan`.
 
-    `tasks` are what the code does besides steps: reductions and events.
+    `tasks` are the reductions and events that the code computes besides steps.
     """
     nodes = tuple(node_of(reduction.expression, model.statement, model.equations) for reduction in tasks.reductions)
     programs = _programs(model, plan, tasks, tuple(dict.fromkeys(nodes)))
@@ -160,10 +160,10 @@ def compiled_members(model: Model, plan: Plan, tasks: MemberTasks) -> Compiled:
 
 
 def _programs(model: Model, plan: Plan, tasks: MemberTasks, expressions: tuple[Node, ...]) -> dict[str, Program]:
-    """Return the programs that the code of members evaluates, by name.
+    """Return {name: program} for all quantities that the machine code of members evaluates.
 
     They are "rhs", "energy" and "momenta". If they are needed, there are also "step" (the accelerations or forces that
-    a step program evaluates), "watched" (the event functions) and "expressions" (the reduced expressions).
+    the steps of the method evaluate), "watched" (the event functions) and "expressions" (the reduced expressions).
     """
     programs = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
     if isinstance(plan, StepPlan):
@@ -179,10 +179,10 @@ def _programs(model: Model, plan: Plan, tasks: MemberTasks, expressions: tuple[N
 def _sampled(
     reductions: Sequence[Reduction], nodes: Sequence[Node], program: Program, evaluating: Procedure
 ) -> Sampled:
-    """Return the expressions that the `reductions` reduce along the steps, each different one once.
+    """Return the data by which code evaluates the expressions of all `reductions` at points of a step, each only once.
 
-    `nodes` are the expressions as nodes of the equations' graph, one for each reduction. The procedure `evaluating`,
-    made from `program`, computes the different expressions.
+    `nodes` are the expressions as nodes of the equations' graph, one for each reduction. `program` computes the
+    different expressions among them, and `evaluating` is the procedure made from this program.
     """
     different = list(dict.fromkeys(nodes))
     places = tuple((reduction.how, different.index(node)) for reduction, node in zip(reductions, nodes, strict=True))
@@ -193,7 +193,7 @@ def _sampled(
 def _taylor_members(
     plan: TaylorPlan, series: TaylorProcedures, tasks: MemberTasks, parts: _Parts, dimension: int
 ) -> tuple[TaylorMembers, dict[str, Any]]:
-    """Return the generator of code that runs members by Taylor series, and the arrays that the code reads, by name.
+    """Return the generator of code that runs members by Taylor series, and {argument: constant array} for this code.
 
     `plan` has the order, and `series` the procedures of the series. `tasks` are reductions and events, `parts` the
     procedures that the code calls, and `dimension` is the number of entries of the state.
@@ -219,7 +219,7 @@ def _taylor_members(
 def _step_members(
     step: StepProgram, tasks: MemberTasks, parts: _Parts, dimension: int
 ) -> tuple[StepMembers, dict[str, Any]]:
-    """Return the generator of code that runs members by step programs, and the arrays that the code reads, by name.
+    """Return the generator of code that runs members by step programs, and {argument: constant array} for this code.
 
     `step` is one step of the method. `tasks` are reductions and events, `parts` the procedures that the code calls, and
     `dimension` is the number of entries of the state.
@@ -241,12 +241,12 @@ def _step_members(
 _COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
 
 MOST_LANE_OPERATIONS = 30_000
-"""Largest number of operations of a Taylor series for members in lanes. Above it, the coefficients of eight members
-exceed the cache. Time in lanes relative to single runs: 0.6 for five bodies in space (10,000 to 16,000 operations), 0.8
-to 0.95 for seven (21,000 to 33,000), 1.1 for nine (40,000 to 56,000)."""
+"""Largest number of operations of a Taylor series with which members run in lanes. Above it, the coefficients of eight
+members exceed the cache. Time in lanes relative to single runs: 0.6 for five bodies in space (10,000 to 16,000
+operations), 0.8 to 0.95 for seven (21,000 to 33,000), 1.1 for nine (40,000 to 56,000)."""
 
 UNDECIDED = 255
-"""Status code of a member whose status only a single run can determine."""
+"""Temporary status code of a member that has to run again alone, because the code in lanes cannot tell its status."""
 
 _STATUSES = {
     Outcome.DONE: Status.SUCCESS,
@@ -263,15 +263,15 @@ EVENT, UNFINISHED = STATUSES.index(Status.EVENT), STATUSES.index(Status.MAX_STEP
 
 _OUTCOMES = [STATUSES.index(_STATUSES[outcome]) if outcome in _STATUSES else UNDECIDED for outcome in Outcome]
 _CODES = np.array([*_OUTCOMES, EVENT], dtype=np.uint8)
-"""Status code of a member by the outcome of its compiled loop, which is an index. The last entry is for
-`ENDED_BY_EVENT`."""
+"""Status codes of members: the entry at index i is for a compiled run that returned the outcome i. The last entry is
+for `ENDED_BY_EVENT`, the outcome after those of `Outcome`."""
 
 
 @dataclass(frozen=True, eq=False)
 class LaneEngine:
-    """Runs members in vector lanes, several at the same time, by the code `compiled` and the method of `plan`.
+    """Runs members of an ensemble in vector lanes, several at the same time, by the machine code `compiled`.
 
-    `single` runs members that the lanes cannot finish.
+    `plan` has the tolerances and limits of the runs. `single` runs members that the code cannot finish.
     """
 
     compiled: Compiled
@@ -291,7 +291,7 @@ class LaneEngine:
     def run(self, starts: Starts, stopped: Stopped) -> Results:
         """Run a chunk of members from the initial values `starts`, and return their results.
 
-        `stopped` is ignored, because machine code does not stop. Chunks are short.
+        The callback `stopped` is not called: machine code runs to the end of a chunk, which is short.
         """
         m, n = starts.states.shape
         single, compiled = self.single, self.compiled
@@ -328,10 +328,10 @@ class LaneEngine:
         return single.again(starts, ends, np.flatnonzero(doubtful))
 
     def complete(self, outputs: FloatArray, output_times: FloatArray, states: FloatArray, times: FloatArray) -> None:
-        """Replace in `outputs` (m, K, 2n), the states of m members at `output_times` (K,), those at and after the end.
+        """Write to `outputs` (m, K, 2n) what is not known before m runs have ended: entries at and after their ends.
 
-        The runs ended at `times` (m,) in `states` (m, 2n). If a run ended exactly at an output time, its last state is
-        written there. After the end of a run NaN is written.
+        `outputs` has the states at `output_times` (K,). The runs ended at `times` (m,) in `states` (m, 2n). If a run
+        ended exactly at an output time, its last state is written there. After the end of a run NaN is written.
         """
         t0, t1 = self.single.span
         for index in np.flatnonzero((output_times == times[:, None]).any(axis=0)):
@@ -345,11 +345,11 @@ class LaneEngine:
     ) -> NDArray[np.bool_]:
         """Return a mask (m,) of members that ended early for an unknown cause, and have to run again one by one.
 
-        `states` (m, 2n), `times` (m,) and status `codes` (m,) are the ends of the runs. With events, the mask has all
-        members that ended early without an event, except members that reached the step limit. Without events, it has
-        members that took no step, and members whose mass matrix may have become singular. Codes are changed in place:
-        STUCK (steps too small) becomes LOST (not finite) where a small step along the slope leaves the domain of the
-        equations.
+        The runs ended in `states` (m, 2n) at `times` (m,) with status `codes` (m,). With events, the mask is True for
+        members that ended early without an event, except those that reached the step limit. Without events, it is True
+        for members that took no step, and for those whose mass matrix may have become singular. Codes are changed in
+        place: STUCK (steps too small) becomes LOST (not finite) if a small step along the slope leaves the domain of
+        the equations.
         """
         model, (t0, t1) = self.single.model, self.single.span
         stuck = codes == STUCK
@@ -358,7 +358,7 @@ class LaneEngine:
             if not np.isfinite(slope_ahead(model, times[i], states[i], parameters, DOMAIN_PROBE * (t1 - t0))).all():
                 codes[i] = LOST
         if self.compiled.events:
-            # These members run again: a single run with events may continue from a point without a series.
+            # These members run again: a single run with events may continue after a point that has no Taylor series.
             return np.asarray((codes != SUCCESS) & (codes != EVENT) & (codes != UNFINISHED))
         lost = stuck & (codes == STUCK) & (not model.equations.structure.constant_mass)
         return np.asarray(lost | ((times == t0) & (codes != SUCCESS)))
@@ -382,8 +382,8 @@ class LaneEngine:
 def lane_engine(single: RunEngine, plan: Plan, problem: Problem, *, varying: bool) -> LaneEngine | None:
     """Return the object that runs members in lanes, or None if the model, the method or the events do not allow it.
 
-    `plan` and `problem` are those of the first member, and `single` runs members one by one. With `varying` each member
-    has its own parameters. The machine code is cached for the next ensemble of the model.
+    `plan` and `problem` are those of the first member, and `single` runs members one by one. `varying` is True if each
+    member has its own parameters. The machine code is cached for later ensembles of the model.
     """
     if not _runs_in_lanes(single, plan, problem):
         return None

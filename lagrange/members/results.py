@@ -24,10 +24,10 @@ END, COUNTS, DRIFT, EVENTS = "end", "counts", "drift", "events"
 DEFAULT = (END,)
 
 STATE, TIME, STATUS, OUTPUTS = "state", "t_end", "status", "outputs"
-"""Names of columns: last states, their times, status codes, and states at output times."""
+"""Names of result columns: last states, their times, status codes, and states at output times."""
 
 OUTPUT_TIME = "t"
-"""Name of the dimension of output times, and of the variable with these times."""
+"""Name, in a store of results, of the dimension of output times and of the variable that contains these times."""
 
 
 class Column(NamedTuple):
@@ -48,7 +48,7 @@ class Column(NamedTuple):
 
     @property
     def dimensions(self) -> tuple[str, ...]:
-        """The names of the array's dimensions in a store, after the dimension of the members.
+        """The names of the dimensions of the array in a store, without the first, which counts the members.
 
         A column of states has no dimension for the entries of a state, because each entry is stored as a separate
         variable.
@@ -78,8 +78,8 @@ class Reduction(NamedTuple):
 class Keep:
     """The selection of results that are stored for each member of an ensemble.
 
-    A flag is True if these results are stored: `end` the last state, `counts` the numbers of steps and evaluations,
-    `drift` the drift of the energy. `events` is the largest number of stored occurrences of each event. `reductions`
+    Three flags are True if a result is stored: `end`, the last state; `counts`, the numbers of steps and evaluations;
+    `drift`, the drift of the energy. `events` is the largest number of stored occurrences of each event. `reductions`
     are expressions along the run, each reduced to one number.
     """
 
@@ -92,8 +92,8 @@ class Keep:
     def columns(self, dimension: int, outputs: int | None, events: int, interrupted: int) -> tuple[Column, ...]:
         """Return the descriptions of the columns in which the selected results are stored.
 
-        `dimension` is 2n, `outputs` the number of output times or None, and `events` the number of events.
-        `interrupted` is the status code that marks a member without result.
+        `dimension` is the length 2n of a state, `outputs` the number of output times or None, and `events` the number
+        of the user's events. `interrupted` is the status code that marks a member without result.
         """
         selected = [Column(TIME, (), "f8", np.nan), Column(STATUS, (), "u1", interrupted)]
         if self.end:
@@ -112,19 +112,19 @@ class Keep:
 
 
 def event_times(k: int) -> str:
-    """Return the name of the result column with the times of the event with index k."""
+    """Return the name of the result column with the times at which event number k, from 0 on, occurred."""
     return f"t_event_{k}"
 
 
 def event_states(k: int) -> str:
-    """Return the name of the result column with the states at the event with index k."""
+    """Return the name of the result column with the states in which event number k, from 0 on, occurred."""
     return f"y_event_{k}"
 
 
 def keep_of(keep: Any, model: Model, events: Sequence[Any]) -> Keep:
-    """Return the user's `keep` option as a `Keep`, for runs with `events`.
+    """Return the checked selection of results for the user's option `keep`, such as ("end", ("max", theta)).
 
-    Raises StatementError for unknown or invalid entries.
+    `events` are the events of the ensemble. Raises StatementError for unknown or invalid entries.
     """
     listed = entries((keep,) if isinstance(keep, str) or _is_reduction(keep) or _is_first(keep) else keep, "keep")
     if not listed:
@@ -185,9 +185,9 @@ def entry_for(label: str) -> str:
 
 
 def end_row(label: str, names: Sequence[str]) -> int | None:
-    """Return the index in `names` (entries of the state) of the entry whose last value is called `label`.
+    """Return the index in `names`, the names of the state's entries, of the entry whose last value is called `label`.
 
-    For the label theta_end it is the index of theta. It is None for a label without this suffix.
+    For the label "theta_end" it is the index of "theta". It is None for any other label.
     """
     name = label.removesuffix("_end")
     return names.index(name) if name != label and name in names else None
@@ -207,7 +207,10 @@ def _is_reduction(entry: Any) -> bool:
 
 
 def _reduction(how: str, quantity: Any, model: Model) -> Reduction:
-    """Return the reduction `how`, such as "max", of an expression, or of a coordinate or velocity given by name."""
+    """Return the reduction `how`, such as "max", of `quantity`: an expression, or the name of a coordinate or velocity.
+
+    Raises StatementError for an unknown name or symbol.
+    """
     statement = model.statement
     expression = quantity
     if isinstance(quantity, str):
@@ -228,25 +231,24 @@ def _written(expression: Any, model: Model) -> str:
 
 
 STEPS_AT_ONCE = 16384
-"""Number of steps whose sample points are evaluated in one call, to limit the memory for a long run."""
+"""Largest number of steps whose sample points are evaluated in one call, to limit the memory for a long run."""
 
 OVERSHOOT = 2.5
-"""Largest excess of an expression within a step over its sampled values, in units of the largest change between
-neighbouring samples. A step is searched for a maximum only if such an excess would give a new maximum of the run.
-
-The search `raised` assumes that a slope is at most twice the slope between neighbouring samples. The distances of
-samples in time differ by at most a factor of 2.3."""
+"""Assumed bound of the excess of an expression within a step over its values at sample points, in units of the largest
+change between neighbouring samples. A step is searched for a maximum only if such an excess would give a new maximum of
+the run. The search `raised` assumes that a slope is at most twice the slope between neighbouring samples. The distances
+of samples in time differ by at most a factor of 2.3."""
 
 NONE = np.empty(0)
-"""Empty array for the arguments of the search `raised` that hold polynomials. They are not used here, because the
-search evaluates the dense output of a run by a callback."""
+"""Empty array for arguments of the search `raised` that are not used here: polynomials of a step. Here the search
+evaluates the dense output of a run by a callback."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampledRun:
     """A run of one member with all its accepted states, from which reductions such as a maximum are computed.
 
-    `parameters` (k,) belong to this member.
+    `parameters` (k,) are those of this member.
     """
 
     model: Model
@@ -254,7 +256,7 @@ class SampledRun:
     parameters: FloatArray
 
     def reduced(self, reductions: Sequence[Reduction]) -> dict[str, float]:
-        """Return the results of the reductions along the run, numbers by the name of their column."""
+        """Return {column name: number} for the results of `reductions` along the run."""
         if not reductions:
             return {}
         t, results = self.run.t, dict[str, float]()
@@ -279,10 +281,10 @@ class SampledRun:
         return results
 
     def _largest(self, expression: Any, sign: float, times: FloatArray, values: FloatArray, best: float) -> float:
-        """Return the largest value of sign * expression on k steps, or `best` if that is larger.
+        """Return the largest value of sign * expression so far: on k steps, or `best`, that on the steps before.
 
-        `times` and `values` (k, SAMPLE_POINTS) are the sample points of the k steps, and the values of the expression
-        there. Within a step the dense output is searched if it may have a value above `best`.
+        `times` and `values` (k, SAMPLE_POINTS) are the sample times of each step, and the values of the expression
+        there. If a step may have a value above `best` between these times, the dense output is searched.
         """
         signed = values * sign
         best = max(best, float(np.max(signed, where=signed == signed, initial=-np.inf)))
@@ -295,9 +297,10 @@ class SampledRun:
         return best
 
     def _inside(self, expression: Any, begin: float, length: float, fraction: float, *_: Any) -> float:
-        """Return the value of an expression within a step that starts at the time `begin` and lasts `length`.
+        """Return the value of an expression within the step that starts at the time `begin` and lasts `length`.
 
-        `fraction` is the time since the start of the step, divided by its duration. Other arguments are ignored.
+        `fraction`, from 0 to 1, is the time since the start of the step as a fraction of `length`. Further arguments,
+        which the search `raised` passes, are ignored.
         """
         times = np.array([begin + fraction * length])
         return float(self._values(expression, times, self.run.dense(times))[0])
@@ -307,7 +310,7 @@ class SampledRun:
     ) -> FloatArray:
         """Return the values (K,) of an expression at times (K,) and states (2n, K) of the run.
 
-        `parameters` are (p, K), one column for each time. By default they are the parameters of the member, or the
+        `parameters` are (p, K), one column for each time, or (p,). None means the parameters of the member, with the
         values that its events have set.
         """
         values = self.run.parameters_at(times, self.parameters) if parameters is None else parameters
@@ -346,10 +349,10 @@ class SampledRun:
 
 
 STATUSES = tuple(Status)
-"""Statuses by code, the index in this tuple."""
+"""All statuses of a run. Results store the index of a status in this tuple as its code."""
 
 SUCCESS, INTERRUPTED = STATUSES.index(Status.SUCCESS), STATUSES.index(Status.INTERRUPTED)
-"""Codes of two statuses. A member that was not run because the ensemble was interrupted is INTERRUPTED."""
+"""Codes of the statuses of a run that reached its end, and of a member not run because the ensemble was interrupted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,7 +372,7 @@ class Starts:
 
 
 Stopped = Callable[[], bool]
-"""Callback that returns True if no further member may begin."""
+"""Type of a callback without arguments that returns True if no further member may begin, as after Ctrl-C."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,7 +393,7 @@ class Results:
 
     @classmethod
     def empty(cls, members: int, columns: Sequence[Column]) -> Results:
-        """Return results for a number of `members` without results: each row has the blank value of its column."""
+        """Return results in which all rows, one for each of `members` members, have the blank value of their column."""
         return cls({column.name: column.empty(members) for column in columns})
 
     def column(self, name: str) -> Any:
@@ -403,7 +406,7 @@ class Results:
 
     @property
     def left(self) -> Sequence[tuple[int, int]]:
-        """The bounds (first, end) of all members as one block, since no member has results at the start."""
+        """Bounds (first, end) of the blocks of members that are still to be run: all members, as one block."""
         return [(0, self.members)]
 
     def close(self) -> None:

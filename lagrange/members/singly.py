@@ -36,9 +36,10 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Energies:
-    """States of m members at their start, `before`, and end, `after`, (m, 2n), with their energies and momenta.
+    """States, energies and momenta of m members of an ensemble at the start and the end of their runs.
 
-    `first` (m, 1 + n) has the energy, then the momenta, at the start. `last` (m, 1 + n) has both at the end.
+    `before` (m, 2n) are the states at the start, and `after` (m, 2n) those at the end. `first` (m, 1 + n) has for each
+    member the energy, then the n momenta, at the start, and `last` (m, 1 + n) those at the end.
     """
 
     before: FloatArray
@@ -47,7 +48,7 @@ class Energies:
     last: FloatArray
 
     def kinetic(self, y: FloatArray, observed: FloatArray) -> FloatArray:
-        """Return the kinetic energies |v.p| / 2 of m states y (m, 2n), with energy and p in `observed` (m, 1 + n)."""
+        """Return kinetic energies |v.p| / 2 (m,) of states y (m, 2n), with energies and p in `observed` (m, 1 + n)."""
         with np.errstate(all="ignore"):
             return np.asarray(np.abs(np.sum(y[:, y.shape[1] // 2 :] * observed[:, 1:], axis=1)) / 2)
 
@@ -63,15 +64,15 @@ class Energies:
         scale = np.maximum(np.abs(first), kinetic)
         with np.errstate(all="ignore"):
             change = np.where(scale > 0, (last - first) / scale, last - first)
-        # The sign of a NaN depends on its position in the array.
+        # Every NaN is replaced by the same NaN: the sign bit of a computed one depends on its position in the array.
         return np.asarray(np.where(np.isnan(change), np.nan, change))
 
     @property
     def moved(self) -> NDArray[np.bool_]:
         """A mask (m,) of members whose energy changed so much that they have to run again one by one.
 
-        A single run tests the energy more precisely. The mask uses the limits of the first tests in
-        `lagrange.trajectory.measures.conservation`.
+        A single run tests the energy more precisely. The limits of the change are `NOTABLE_CHANGE` and `SMALL_CHANGE`
+        of `lagrange.trajectory.measures.conservation`.
         """
         with np.errstate(all="ignore"):
             change = np.abs(self.last[:, 0] - self.first[:, 0])
@@ -87,10 +88,10 @@ def energies_of(
     span: tuple[float, float],
     last_parameters: FloatArray | None = None,
 ) -> Energies:
-    """Return the energies and momenta of members at their starts and at their last states `after` (m, 2n).
+    """Return the energies and momenta of m members at their initial values `starts` and last states `after` (m, 2n).
 
-    `span` has the times of the starts and of the last states. `last_parameters` (m, k) are the parameters at the end if
-    events set some, else None.
+    `span` has the times of both. `last_parameters` (m, k) are the parameters at the end if events have set some, else
+    None.
     """
     first = _observed(model, starts.states, span[0], starts.parameters)
     last = _observed(model, after, span[1], starts.parameters if last_parameters is None else last_parameters)
@@ -110,11 +111,11 @@ def _observed(model: Model, y: FloatArray, t: float, parameters: FloatArray) -> 
 
 
 BY_NUMPY = " by numpy"
-"""Suffix of the description of runs without compiled code."""
+"""Suffix of the phrase that describes how members are run, if they run without compiled code."""
 
 
 class Explained(NamedTuple):
-    """The end of the run of a member: its status, time and message."""
+    """The end of a member's run: status, time, and message that explains the status."""
 
     status: Status
     t: float
@@ -125,7 +126,8 @@ class Explained(NamedTuple):
 class RunEngine:
     """Runs members of one model one by one, over the same time span with the same options.
 
-    `times` (K,) are output times, or None. `keep` and `columns` describe the results that are stored.
+    `times` (K,) are output times, or None. `keep` is the selection of results that are stored, and `columns` describes
+    the arrays of these results.
     """
 
     model: Model
@@ -137,7 +139,7 @@ class RunEngine:
 
     @property
     def form(self) -> str:
-        """Phrase that describes how members are run, for the printed summary of an ensemble."""
+        """Phrase that says how members are run, such as "runs one after the other", for the summary of an ensemble."""
         return "runs one after the other" + (BY_NUMPY if self.model.target == "numpy" else "")
 
     side_by_side = 1  # members run one by one
@@ -145,9 +147,9 @@ class RunEngine:
     def run(self, starts: Starts, stopped: Stopped) -> Results:
         """Run members one by one from the initial values `starts`, and return their results.
 
-        If a run refuses its initial values, its member gets the error message as result. `stopped` is a function
-        without arguments: when it returns True, no further member begins, and the results have only the rows of
-        finished members.
+        If the initial values of a member are refused, its run has the status NON_FINITE and the error as message.
+        `stopped` is a function without arguments: when it returns True, no further member begins, and the results have
+        only the rows of finished members.
         """
         ends = Results.empty(len(starts), self.columns)
         for i in range(len(starts)):
@@ -167,9 +169,10 @@ class RunEngine:
         return ends
 
     def again(self, starts: Starts, ends: Results, which: NDArray[np.intp]) -> Results:
-        """Run again, one by one, the members for which a faster method gave no certain result, and return `ends`.
+        """Run some members of a chunk again, one by one, because a faster engine gave no certain result for them.
 
-        `which` are their indices in `starts` and in `ends`. Their rows and messages in `ends` are replaced.
+        `which` are their indices in `starts`, the initial values of the chunk, and in `ends`, its results. Their rows
+        and messages in `ends` are replaced. Return `ends`.
         """
         if not len(which):
             return ends
@@ -199,7 +202,7 @@ class RunEngine:
         return trajectory_of(self.model, self.span, initial, options)[0]
 
     def row(self, run: Trajectory, start: Starts) -> dict[str, Any]:
-        """Return the results of the run of a member by column name. `start` has the initial values of the member."""
+        """Return {column name: result} for the run of one member. `start` has the initial values of this member."""
         dimension = self.model.layout.size
         entries: dict[str, Any] = {TIME: run.span[1], STATUS: STATUSES.index(run.status)}
         if self.keep.end:
@@ -238,9 +241,9 @@ class RunEngine:
 
 @dataclass(frozen=True, eq=False)
 class FlowEngine:
-    """Runs members one by one by the compiled flow of a model, which returns only the last state.
+    """Runs members one by one by `flow`, a compiled function that returns only the last state of a run.
 
-    `single` runs a member again if it does not reach the end, to get a status and a message.
+    `single` runs a member again to get a status and a message if it does not reach the end, or if its energy changed.
     """
 
     single: RunEngine
@@ -248,13 +251,16 @@ class FlowEngine:
 
     @property
     def form(self) -> str:
-        """Phrase that describes how members are run, for the printed summary of an ensemble."""
+        """Phrase that says how members are run, such as "runs one after the other", for the summary of an ensemble."""
         return self.single.form
 
     side_by_side = 1  # members run one by one
 
     def run(self, starts: Starts, stopped: Stopped) -> Results:
-        """Run members from the initial values `starts` until `stopped()` is True, and return their results."""
+        """Run members from the initial values `starts`, and return their results.
+
+        When the callback `stopped` returns True, no further member begins, and only finished members have results.
+        """
         single, (_, t1) = self.single, self.single.span
         reached: list[FloatArray] = []
         for i in range(len(starts)):
@@ -278,4 +284,4 @@ class FlowEngine:
 
 
 BY_FLOW = frozenset((STATE, TIME, STATUS))
-"""Names of the result columns that follow from a flow, which returns only the state at the end of a run."""
+"""Names of the only result columns that a `FlowEngine` can fill: last state, its time and status."""

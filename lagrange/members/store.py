@@ -1,4 +1,4 @@
-"""Store the results of an ensemble on disk in the zarr format: its folder, its blocks with checksums, its lock."""
+"""Store the results of an ensemble on disk in the zarr format, in blocks of members with checksums."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ if sys.platform != "win32":
     import fcntl
 
 LOCK = ".lock"
-"""Name of the lock file. It contains the name of the writing process, and is removed at the end. The file of a killed
-process has no effect."""
+"""Name of the lock file in a store's folder. The process that writes to the store writes its name to the file, and
+removes it at the end. The file of a killed process has no effect."""
 
 _HELD: set[str] = set()
 _CHANGING = threading.Lock()
@@ -48,11 +48,11 @@ processes, but not other threads of this process."""
 
 
 class StoreLock:
-    """The exclusive right to write to a store of results, until `close` is called.
+    """The exclusive right to write to the store of results in the folder `path`, until `close` is called.
 
-    Raises RunError if another call has it. The lock is made by `lockf`, so forked workers do not keep it after their
-    parent process was killed. No lock is taken if its file cannot be made, as in a read-only store, or if the system
-    has no locks.
+    Creating it raises RunError if another call has this right. The lock is made by `lockf`, so forked workers do not
+    keep it after their parent process was killed. No lock is taken if its file cannot be made, as in a read-only store,
+    or if the system has no locks.
     """
 
     def __init__(self, path: Path) -> None:
@@ -75,9 +75,9 @@ class StoreLock:
 
 
 def _locked(store: Path, path: Path) -> int:
-    """Lock the file `path` of a store and return its descriptor, or -1 if it cannot be made or locked.
+    """Make and lock the file `path`, and return its descriptor, or -1 if the file cannot be made or locked.
 
-    Raises RunError if another process has locked it.
+    Raises RunError, with the name of the store, if another process has locked it.
     """
     if sys.platform == "win32":
         return -1
@@ -127,7 +127,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def damaged(path: Path, reason: str) -> RunError:
-    """Return the error for a damaged store. `reason` says how a block differs from what was written."""
+    """Return the error for a damaged store at `path`. `reason` is a phrase that says what is wrong, for the message."""
     return RunError(
         f"{str(path)[:120]} is damaged ({reason}): make the same call again, which runs the members of damaged blocks "
         "again, give another store, or restore this one."
@@ -139,14 +139,14 @@ def _reason(error: Exception) -> str:
 
 
 def checksum(rows: Any) -> int:
-    """Return a 64-bit checksum of rows, their type and shape. It is never 0, because 0 marks unwritten rows."""
+    """Return a 64-bit checksum of an array, its dtype and its shape. It is never 0, because 0 marks unwritten rows."""
     digest = hashlib.blake2b(f"{rows.dtype.str} {rows.shape}".encode(), digest_size=8)
     digest.update(np.ascontiguousarray(rows).data if rows.size else b"")
     return int.from_bytes(digest.digest(), "little") or 1
 
 
 ATTRIBUTES = "lagrange"
-"""Name of the attribute of a store that describes its ensemble."""
+"""Name of the zarr attribute in which a store has the description of its ensemble."""
 
 
 def folder_of(store: Any) -> Path:
@@ -172,7 +172,7 @@ def _zarr() -> Any:
 
 
 def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
-    """Raise StatementError for a folder that contains anything but the ensemble with the description `made_of`."""
+    """Raise StatementError unless the folder `path` is the store of the ensemble with the description `made_of`."""
     try:
         stored = dict(zarr.open_group(str(path), mode="r").attrs).get(ATTRIBUTES)
     except PermissionError as error:
@@ -284,7 +284,7 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def variables_of(job: Job, table: MemberTable, begin: int, end: int, results: Results) -> dict[str, Any]:
-    """Return the stored variables of the members from `begin` to before `end`, by name, with a row for each member.
+    """Return {name: array} for the variables of a store, with a row for each member from `begin` to before `end`.
 
     They are the `results` of these members, and the values that vary between members.
     """
@@ -301,19 +301,20 @@ def variables_of(job: Job, table: MemberTable, begin: int, end: int, results: Re
 
 
 BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
-"""Size of a block in bytes (8 MB), and its largest number of members. A billion numbers make a thousand files."""
+"""Largest size of a block of members in a store, in bytes (8 MB), and its largest number of members. A billion numbers
+make a thousand files."""
 
 MOST_BLOCKS = 10**6
-"""Largest number of blocks of a store (8 TB of results), because each block has a file for every variable."""
+"""Largest number of blocks of members in a store (8 TB of results): each block has a file for every variable."""
 
 
 class StoredResults:
     """The results of an ensemble in the store `path`, in blocks of successive members, each with checksums.
 
-    Each access reads from the store. Unwritten blocks are blank. A block is kept in memory until it is complete. A call
-    that was stopped within a block may have written this block in part. `left` are the bounds (first, end) of blocks of
-    members that had no results at the start of the call. `made_of` is the description of the ensemble. `messages` is
-    empty, because a store has no messages.
+    Each access reads from the store; blocks that are not written have blank values. New results are kept in memory
+    until their block is complete. `left` are the bounds (first, end) of the blocks of members that had no results at
+    the start of the call, also if a stopped call has written them in part. `made_of` is the description of the
+    ensemble. `messages` is empty, because a store has no messages.
     """
 
     messages: Mapping[int, str] = MappingProxyType({})
@@ -339,7 +340,7 @@ class StoredResults:
         self._open: dict[int, tuple[Results, int]] = {}
 
     def _bounds(self, k: int) -> tuple[int, int]:
-        """Return the index of the first member of block k, and the index after its last member."""
+        """Return the bounds of block k: the index of its first member, and the index after its last member."""
         return k * self._size, min((k + 1) * self._size, len(self._table))
 
     def _is_written(self, k: int) -> bool:
@@ -359,9 +360,9 @@ class StoredResults:
         self._lock.close()
 
     def take(self, first: int, ends: Results) -> None:
-        """Store the results `ends` of a chunk of members, which are all in one block. A complete block is written.
+        """Add the results `ends` of a chunk of members to their block, and write the block once it is complete.
 
-        `first` is the index of the first member.
+        `first` is the index of the first member. All members of the chunk are in one block.
         """
         k = first // self._size
         begin, end = self._bounds(k)
@@ -375,7 +376,7 @@ class StoredResults:
             self.write(k, results)
 
     def write(self, k: int, results: Results) -> None:
-        """Write the `results` of the members of block k to the store: the status last, and then the checksums."""
+        """Write the `results` of all members of block k to the store: the status last, and then the checksums."""
         begin, end = self._bounds(k)
         rows = variables_of(self._job, self._table, begin, end, results)
         with reading(self._path), writing(self._path):
@@ -384,16 +385,16 @@ class StoredResults:
             self._group[CHECKSUM][k] = np.array([checksum(rows[name]) for name in self._names], dtype="u8")
 
     def column(self, name: str) -> Any:
-        """Return the results `name` of all members, a row for each. Raises RunError if the store cannot be read."""
+        """Return the column `name`, an array with a row for each member. Raises RunError for a damaged store."""
         return self._rows(name, 0, -(-len(self._table) // self._size))
 
     def row(self, name: str, member: int) -> Any:
-        """Return the result `name` of one member, given by index. Raises RunError if the store cannot be read."""
+        """Return the row of column `name` of the member with index `member`. Raises RunError for a damaged store."""
         k = member // self._size
         return self._rows(name, k, k + 1)[member - k * self._size]
 
     def _rows(self, name: str, low: int, high: int) -> Any:
-        """Return the results `name` of the members in the blocks from `low` to before `high`, as one array.
+        """Return the rows of column `name` for the members in the blocks from `low` to before `high`, as one array.
 
         A column of states is stored as one variable for each entry of the state; these are joined. Raises RunError if a
         block is damaged.
@@ -416,11 +417,11 @@ class StoredResults:
 
 
 def results_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> StoredResults:
-    """Return the results of an ensemble in the folder `store`.
+    """Return the object that reads and writes the results of an ensemble in the folder `store`.
 
     The store is made, or continued if it exists. Raises StatementError for a folder with other contents, for too many
-    results, and without zarr. Raises RunError for a full disk, for a damaged store, and for a store to which another
-    call writes.
+    results, and if zarr is not installed. Raises RunError for a full disk, for a damaged store, and for a store to
+    which another call writes.
     """
     path = folder_of(store)
     size = sum(column.bytes for column in job.columns)

@@ -20,10 +20,10 @@ from lagrange.statement.scene.writer import scene_text
 from lagrange.trajectory.plan import Stepped
 
 MEMBER, CHECKSUM, BLOCK, VARIABLE = "member", "checksum", "block", "variable"
-"""Names in a store: the dimension of members, the variable of checksums, and its dimensions: block and variable."""
+"""Names in a store: the dimension of members, the variable with checksums, and the two dimensions of this variable."""
 
 OVER = "÷"
-"""Replacement of a slash in the names of a store, where a slash separates folders."""
+"""Character that replaces a slash in the names of a store's variables, because zarr takes a slash for a folder."""
 
 
 def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -39,17 +39,17 @@ def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
 def start_name(label: str, names: Collection[str]) -> str:
     """Return the name of the variable in a store with the values of `label`, a key that varies between members.
 
-    If the key is an entry of the state, one of `names`, the name gets the suffix `_start`: the entry's name belongs to
-    its later values.
+    If the key is an entry of the state, one of `names`, the name gets the suffix `_start`, because the entry's own name
+    belongs to its values at output times.
     """
     return f"{label}_start" if label in names else label
 
 
 def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequence[str], *, store: bool) -> None:
-    """Raise StatementError if a coordinate, velocity or varying parameter has the name of another result.
+    """Raise StatementError if a coordinate, velocity or varying parameter has the same name as a result.
 
     `columns` describe the results, `names` are the names of the entries of the state, and `labels` the names of the
-    values that vary. If `store` is True, the names of a store's own variables count, too.
+    values that vary. If `store` is True, the name must also differ from that of the checksums in a store.
     """
     kept = {column.name for column in columns}
     taken = {MEMBER, *kept - {STATE, OUTPUTS}, *((CHECKSUM,) if store else ())}
@@ -69,17 +69,17 @@ def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequenc
 
 
 VERSIONS = ("numpy", "llvmlite")
-"""Packages whose versions may affect the last digits of results."""
+"""Packages whose versions a store records, because they may affect the last digits of results."""
 
 LONG_ENTRIES = ("statement", "steps", "values", "events", "expressions")
-"""Entries of a description whose values are not printed in messages: long texts and checksums."""
+"""Entries of an ensemble's description whose values are not printed in messages: long texts and checksums."""
 
 
 def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
-    """Return the description of an ensemble as JSON-ready data: versions, statement, method, options and values.
+    """Return the description of an ensemble for its store: versions, statement, method, options and initial values.
 
-    `block` is the number of members in a block of its store. A store can be continued only by an ensemble with the same
-    description.
+    It can be written as JSON. A store can be continued only by an ensemble with the same description. `block` is the
+    number of members in a block of the store.
     """
     problem, options = job.problem, job.options
     varied = hashlib.sha256()
@@ -120,7 +120,7 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
 
 
 def _exactly(expression: Any) -> str:
-    """Return an expression as text with all digits of its numbers, unlike `str`."""
+    """Return an expression as text with all digits of its numbers, which `str` would round."""
     return str(sympy.srepr(expression))
 
 
@@ -132,7 +132,7 @@ def _version(package: str) -> str:
 
 
 def _steps(method: Any) -> str | None:
-    """Return a checksum of the step program of a method, or None for a method without one.
+    """Return a checksum of the steps of a method, or None for a method that has no step program.
 
     It is needed because methods with the same name may have different coefficients.
     """
@@ -167,7 +167,7 @@ def difference(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
 
 
 def _parts(stored: Mapping[str, Any], current: Mapping[str, Any]) -> list[str]:
-    """Return the names of the parts, such as "parameters", in which the statements of two ensembles differ.
+    """Return the names of the parts of a statement, such as "parameters", in which those of two ensembles differ.
 
     `stored` is the description of the ensemble in a store, and `current` that of the call's ensemble.
     """

@@ -1,4 +1,4 @@
-"""Members of an ensemble as a table: arrays, grids and random samples of the varying values, and the common values."""
+"""The initial values of all members of an ensemble, from arrays, grids and random samples, and from common values."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from lagrange.statement.space import check_triangle
 from lagrange.trajectory.trajectory import FloatArray
 
 MemberNumbers = NDArray[np.int64]
-"""Indices of members, from 0 on."""
+"""Type of an array of indices of members in an ensemble, from 0 on."""
 
 MOST_MEMBERS = 10**12
 """Largest number of members of a grid. At 1 us each they take eleven days, with 10 TB of results."""
@@ -35,9 +35,9 @@ MOST_MEMBERS = 10**12
 class Varied:
     """The values of coordinates, velocities and parameters that vary between the members of an ensemble.
 
-    `stated` has an array of values for each key. Without `crossed` it has one value for each member. With `crossed`,
-    for a grid, it has the points of the key's axis; the members are all combinations, and the last axis varies fastest.
-    `drawn` describes how random values were sampled.
+    `stated` has an array of values for each key (coordinate, velocity, parameter, or its name). If `crossed` is False,
+    the array has one value for each member. If it is True, for a grid, the array has the values on the key's axis; the
+    members are all combinations, and the last axis varies fastest. `drawn` describes how random values were sampled.
     """
 
     stated: Mapping[Any, FloatArray]
@@ -55,7 +55,7 @@ class Varied:
         return {"member": np.arange(len(next(iter(self.stated.values()))))}
 
     def values(self, key: Any, which: MemberNumbers) -> FloatArray:
-        """Return the values (m,) of a key that varies, for the members with the indices `which` (m,)."""
+        """Return the values (m,) of `key`, one of the varying keys, for the members with the indices `which` (m,)."""
         if not self.crossed:
             return self.stated[key][which]
         axis = self.keys.index(key)
@@ -75,7 +75,7 @@ class Varied:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The numbers of values on the axes: their product is the number of members."""
+        """The number of values on each axis. The product of these numbers is the number of members."""
         return tuple(len(values) for values in self.axes.values())
 
     def __len__(self) -> int:
@@ -103,7 +103,7 @@ def grid(axes: Mapping[Any, Any]) -> Varied:
 
 
 def axis_values(label: str, axis: Any) -> FloatArray:
-    """Return the values of an axis, which the user gives as (low, high, count) or as a list or array.
+    """Return the values (count,) of an axis of a grid, which the user gives as (low, high, count), a list or an array.
 
     `label` names the axis in messages. Raises StatementError for an axis without values.
     """
@@ -131,7 +131,7 @@ def axis_values(label: str, axis: Any) -> FloatArray:
 METHODS = ("sobol", "latin", "random")
 
 MOST_DIMENSIONS = 21201
-"""Largest number of varying values in a Sobol sample: the largest dimension of the sequence for which direction numbers
+"""Largest number of keys that vary in a Sobol sample: the largest dimension of the sequence for which direction numbers
 exist."""
 
 
@@ -170,7 +170,7 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
 
 
 def _drawn(label: str, distribution: Any, probabilities: FloatArray) -> FloatArray:
-    """Return the random values (m,) of the key `label` as quantiles at the random `probabilities` (m,).
+    """Return the random values (m,) of the key `label`: quantiles of `distribution` at random `probabilities` (m,).
 
     `distribution` is a range (low, high), for a uniform distribution, or a distribution of `scipy.stats`. Raises
     StatementError for anything else, and for values that are not finite.
@@ -209,10 +209,10 @@ def _drawn(label: str, distribution: Any, probabilities: FloatArray) -> FloatArr
 
 
 def _named(mapping: Any, what: str, entries: str) -> Any:
-    """Return the (key, value) entries of the dict `mapping` that the user gives.
+    """Check a dict that the user passes as an argument, and return its (key, value) pairs.
 
-    `what` is the name of the argument, and `entries` describes its entries, both for messages. Raises StatementError
-    for an empty dict, or for a key given twice.
+    `what` is the name of the argument, and `entries` says what it maps to what, both for messages. Raises
+    StatementError for an empty dict, and for a key given twice, such as a coordinate and its name.
     """
     table = table_of(mapping, what, entries)
     if not table:
@@ -223,11 +223,11 @@ def _named(mapping: Any, what: str, entries: str) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class MemberTable:
-    """The initial values of all members of an ensemble: a common state (2n,) and parameters (k,), and what varies.
+    """The initial values of all members of an ensemble: common values, and those that vary between members.
 
-    `varied` has the values of each key that varies: a coordinate, velocity, parameter, or its name. Three dicts say
-    where a key is used. `rows` maps the index of an entry of the state to its key, `columns` the index of a parameter,
-    and `rates` a rate of a rotation.
+    `state` (2n,) and `parameters` (k,) are the common values. `varied` has the values of each key that varies: a
+    coordinate, velocity, parameter, or its name. Three dicts state what a key replaces: `rows` maps the index of a
+    state entry to a key, `columns` the index of a parameter, and `rates` a rate of a rotation.
     """
 
     varied: Varied
@@ -252,7 +252,7 @@ class MemberTable:
         return tuple(label_of(key) for key in self.varied.keys)
 
     def starts(self, which: MemberNumbers) -> Starts:
-        """Return the initial values, states and parameters, of the members with the indices `which` (m,)."""
+        """Return the initial states and the parameters of the members with the indices `which` (m,)."""
         states = np.repeat(self.state[None], len(which), axis=0)
         for row, key in self.rows.items():
             states[:, row] = self.varied.values(key, which)
@@ -264,7 +264,7 @@ class MemberTable:
 
 
 def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
-    """Return the table of an ensemble's members from the arguments `initial` and `parameters` of the user.
+    """Return the initial values of an ensemble's members, from the user's arguments `initial` and `parameters`.
 
     Each may be a dict from key to number or array, a grid, or a sample. A grid or sample may have initial values and
     parameters together. Raises StatementError for arrays of different lengths and for unknown names.
@@ -308,15 +308,15 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
 
 
 MOST_CHECKED = 100_000
-"""Largest number of members whose initial states of rotations and moments of inertia are checked. In a larger ensemble
-the first members are checked."""
+"""Largest number of members whose initial rotations and moments of inertia are checked. In a larger ensemble only the
+first members are checked."""
 
 
 def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any], dict[int, Any]]:
-    """Return for each varying key where its values are used, in three dicts.
+    """Return three dicts that state what the values of each varying key replace.
 
-    The first dict maps the index of an entry of the state to its key, the second a rate of rotation, and the third the
-    index of a parameter. Raises StatementError for a key that is none of these.
+    The first dict maps the index of a state entry to its key, the second a rate of rotation, and the third the index of
+    a parameter. Raises StatementError for a key that is none of these.
     """
     statement = model.statement
     rows, by_name = state_rows(statement.coordinates), {p.name: i for i, p in enumerate(statement.parameters)}
@@ -342,9 +342,10 @@ def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any
 
 
 def _divided(what: str, argument: Any) -> tuple[dict[Any, Any], list[Varied]]:
-    """Divide a user's `argument` into (values that all members share, by key; values that vary between members).
+    """Divide a user's argument into common values and varying values of the members; return both.
 
-    `argument` is a dict, a grid, a sample or None. Messages call it `what`. Raises StatementError for anything else.
+    The common values are a dict {key: number}. `argument` is a dict, a grid, a sample or None, and messages call it
+    `what`. Raises StatementError for anything else.
     """
     if argument is None:
         return {}, []
@@ -385,9 +386,9 @@ def _values(label: str, array_like: Any) -> FloatArray:
 
 
 def _together(sources: list[Varied]) -> Varied:
-    """Return the varying values of several `sources` (arrays, grids, samples) as one object.
+    """Return the varying values of all `sources` (arrays, grids, samples) as one object.
 
-    All have the same number of members. Raises StatementError for different numbers, or for a key in two sources.
+    Raises StatementError if they have different numbers of members, or if a key is in two of them.
     """
     if len(sources) == 1:
         return sources[0]
