@@ -85,31 +85,24 @@ def test_sizes_are_those_of_the_terms(make: Callable[[], Statement]) -> None:
             assert abs(value) <= size <= 60 * largest, name
 
 
-def test_cancellation_makes_the_size_larger_than_the_value() -> None:
-    statement = declare(kinetic=x.dot**2 / 2, potential=x - sp.sin(x), name="nearly flat")
-    point = SamplePoint((1e-5,), (0.3,), 0.0, {}, "")
-    force = Reference(statement).at(point, [])["forces"]
-    assert abs(force.value[0]) < 1e-10
-    assert 0.2 < force.size[0] < 3
+CANCELLING = {
+    "forces of a nearly flat potential": ("forces", sp.sin(x) - x, 1e-5, 1e-10, (0.2, 3)),
+    # At large u the slope 2 u/(1 + u**2)**2 of u**2/(1 + u**2) is a difference of two terms of the size 2/u.
+    # A constant factor on u**2 or on 1 + u**2 changes the slope as little as the value.
+    "terms in a slope alone": ("forces", -((1000 * x) ** 2) / (1 + (1000 * x) ** 2), 1.0, 3e-6, (0.5, 10)),
+    # A total time derivative in L has no effect but rounding; compiled code may have an error of 1e-13.
+    "a bias that is identically zero": ("bias", 1000 * sp.cos(x) * x.dot, 0.5, 1e-30, (50, 2000)),
+}
+"""A quantity, a term of L, the coordinate, a bound of the value, and bounds of the size."""
 
 
-def test_terms_that_cancel_in_a_slope_alone_count() -> None:
-    """At large u the slope 2 u/(1 + u**2)**2 of u**2/(1 + u**2) is a difference of two terms of the size 2/u.
-
-    A constant factor on u**2 or on 1 + u**2 changes the slope as little as the value.
-    """
-    statement = declare(kinetic=x.dot**2 / 2, potential=(1000 * x) ** 2 / (1 + (1000 * x) ** 2), name="saturated")
-    force = Reference(statement).at(SamplePoint((1.0,), (0.3,), 0.0, {}, ""), [])["forces"]
-    assert abs(force.value[0]) < 3e-6
-    assert 0.5 < force.size[0] < 10
-
-
-def test_a_bias_that_cancels_identically_has_the_size_of_its_parts() -> None:
-    """A total time derivative in L has no effect but rounding; compiled code may have an error of 1e-13."""
-    statement = declare(lagrangian=x.dot**2 / 2 + 1000 * sp.cos(x) * x.dot, name="gauge")
-    bias = Reference(statement).at(SamplePoint((0.5,), (0.8,), 0.0, {}, ""), [])["bias"]
-    assert abs(bias.value[0]) < 1e-30
-    assert 50 < bias.size[0] < 2000
+@pytest.mark.parametrize(("name", "term", "at", "most", "sizes"), CANCELLING.values(), ids=CANCELLING)
+def test_cancelling_terms_make_the_size_larger(
+    name: str, term: Any, at: float, most: float, sizes: tuple[float, float]
+) -> None:
+    statement = declare(lagrangian=x.dot**2 / 2 + term, name="cancelling")
+    part = Reference(statement).at(SamplePoint((at,), (0.8,), 0.0, {}, ""), [])[name]
+    assert abs(part.value[0]) < most and sizes[0] < part.size[0] < sizes[1]
 
 
 def test_a_kink_under_the_stencil_is_no_point_to_use() -> None:

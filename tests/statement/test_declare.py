@@ -139,12 +139,8 @@ def test_refusals(changes: dict[str, Any], message: str) -> None:
 def test_the_initial_state_is_overlaid() -> None:
     base = (1.0, 2.0, 3.0, 4.0)
     assert initial_state({}, (x, y), base) == base
-    assert initial_state({y: 5, "x_dot": np.float64(6), y.dot: sympy.pi}, (x, y), base) == (
-        1.0,
-        5.0,
-        6.0,
-        float(sympy.pi),
-    )
+    given = {y: 5, "x_dot": np.float64(6), y.dot: sympy.pi}
+    assert initial_state(given, (x, y), base) == (1.0, 5.0, 6.0, float(sympy.pi))
 
 
 def test_parameter_values_are_overlaid() -> None:
@@ -390,16 +386,11 @@ def test_one_expression_or_many(given: Any, expected: list[Any]) -> None:
     assert [result.expression for result in declare_events(given, STATEMENT)] == expected
 
 
-@pytest.mark.parametrize(("direction", "expected"), [(0, 0), (2.5, 1), (-1, -1), (np.float64(-0.1), -1), (sp.pi, 1)])
-def test_a_direction_is_a_sign(direction: Any, expected: int) -> None:
-    assert event(x, direction=direction).direction == expected
-
-
-@pytest.mark.parametrize(
-    ("terminal", "expected"), [(False, 0), (True, 1), (0, 0), (3, 3), (np.int64(2), 2), (np.True_, 1)]
-)
-def test_terminal_is_a_number_of_occurrences(terminal: Any, expected: int) -> None:
-    assert event(x, terminal=terminal).terminal == expected
+def test_a_direction_is_a_sign_and_terminal_a_number_of_occurrences() -> None:
+    directions: list[Any] = [0, 2.5, -1, np.float64(-0.1), sp.pi]
+    assert [event(x, direction=direction).direction for direction in directions] == [0, 1, -1, -1, 1]
+    terminals: list[Any] = [False, True, 0, 3, np.int64(2), np.True_]
+    assert [event(x, terminal=terminal).terminal for terminal in terminals] == [0, 1, 0, 3, 2, 1]
 
 
 def test_a_reset_is_by_symbol_or_by_name() -> None:

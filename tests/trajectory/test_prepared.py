@@ -416,13 +416,6 @@ def test_a_model_is_asked_for(pendulum: lg.System) -> None:
         lg.flow(not_a_model)
 
 
-def test_a_missing_parameter_is_named() -> None:
-    system = lg.System(kinetic=m * l**2 * theta.dot**2 / 2, potential=-m * g * l * sympy.cos(theta), parameters={m: 1})
-    with pytest.raises(lg.StatementError, match=r"no value for parameters (l and g|g and l): give one"):
-        system.run(1.0)
-    assert system.run(1.0, parameters={l: 1.0, "g": 9.81}).status is lg.Status.SUCCESS
-
-
 def test_energies_must_be_finite_at_the_start() -> None:
     x = lg.coordinate("x")
     system = lg.System(kinetic=x.dot**2 / 2, potential=1 / x, name="barrier")

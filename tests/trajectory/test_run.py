@@ -46,12 +46,6 @@ def test_the_values_of_all_parameters_come_back() -> None:
     assert {symbol.name: value for symbol, value in values.items()} == {"m": VALUES[m], "k": 5.0}
 
 
-def test_the_start_may_be_keyed_by_symbol_or_name() -> None:
-    starts: list[Any] = [{x: 0.5, x.dot: 2}, {"x": 0.5, "x_dot": 2}, {"x": np.float64(0.5), x.dot: 2.0}]
-    for start in starts:
-        assert list(run(model("oscillator"), 0.1, "rk4", initial=start).y[:, 0]) == [0.5, 2.0]
-
-
 def falling(potential: Any, **options: Any) -> Any:
     return build(kinetic=x.dot**2 / 2, potential=potential, initial={x: 1.0}, **options)
 

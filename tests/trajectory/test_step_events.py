@@ -20,7 +20,7 @@ from lagrange.statement.event import event
 from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_log import Occurrences
 from lagrange.trajectory.events.series_watch import SeriesWatch
-from lagrange.trajectory.methods.registry import find, table
+from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import LLVM_FIRST, TARGETS, build, x, y
 from tests.trajectory.runs import (
@@ -53,11 +53,6 @@ SHARP = [name for name in ("rk4", "dopri5", "tsit5", "verner9", "dop853", "gauss
 def go(model: Model, end: float, events: Any, name: str, start: float = 0.0, **options: Any) -> Trajectory:
     """Return a run with tight tolerances and events, after checks that every result must pass."""
     return checked_run(model, end, events, start, name, **{**TIGHT[name], **options})
-
-
-def test_every_method_locates_events() -> None:
-    able = {row.name for row in table() if row.claims.events}
-    assert able >= {*NAMES, *OUTSIDE}
 
 
 @pytest.mark.few(1)
