@@ -22,7 +22,7 @@ from lagrange.trajectory.constraints.projection import NEAREST_CORRECTIONS, Proj
 from lagrange.trajectory.constraints.residuals import ON_SURFACE, residuals_of, units_of
 
 LARGEST_VIOLATION = 1e-2
-"""A run is unreliable if a constraint at its end is violated by more than this fraction of its terms. At default
+"""Largest violation of a constraint at the end of a reliable run, as a fraction of the constraint's terms. At default
 tolerances the violation grows to 1e-9 to 1e-5 over a run. A step over a corner, or a reset, leaves a violation of 1e-1.
 """
 
@@ -93,9 +93,10 @@ def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
 
 
 def _held(key: Any, coordinates: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the entries of the state that determine `key`, a rotation R or its rates R.body or R.space.
+    """Return the coordinates and velocities that determine an entry `key` of the user's list `hold`.
 
-    The rates depend on the entries of the quaternion and on their velocities. For another key the result is (key,).
+    `key` may be a rotation R, which its quaternion determines, or its rates R.body or R.space, which also depend on the
+    velocities of the quaternion. For another key the result is (key,).
     """
     for each, _, _ in quaternion_rows(coordinates):
         if isinstance(key, Rotation) and key == each:
@@ -129,10 +130,11 @@ def complete_start(model: Model, t: float, y: FloatArray, parameters: FloatArray
 
 
 def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return states y (2n, k) with computed velocities of coordinates without inertia.
+    """Return the k states y (2n, k) with computed velocities of coordinates without inertia.
 
-    This is done only if the equations of motion use these velocities. The system has no other constraints. Columns in
-    which such velocities do not exist are NaN. Raises RunError if an equation determines no velocity.
+    The states are returned unchanged if the equations of motion do not use these velocities. The system must have no
+    other constraints. Columns in which such velocities do not exist are NaN. Raises RunError if an equation determines
+    no velocity.
     """
     if not model.equations.unsettled:
         return y

@@ -23,26 +23,27 @@ from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 
 AROUND = 1e-2
-"""Distance of the sample states from a state, relative to the largest coordinate. Constraints that are dependent only
-at this state are independent at the samples, by a singular value of about this size."""
+"""Distance of sample states from a state at which constraints are dependent, as a fraction of the largest coordinate.
+If they are dependent only at this state, their least singular value at the samples is of about this size."""
 
 NEARBY_SAMPLES = 4
-"""Number of sample states near a state. Constraints count as dependent everywhere if they are dependent at the state
-and at all samples, moved onto the constraints."""
+"""Number of sample states near a state at which constraints are dependent. The samples are moved onto the constraints.
+If the constraints are dependent at all of them, they count as dependent everywhere."""
 
 CLEARLY = 1e-4
-"""Constraint gradients are certainly independent if their least singular value exceeds this fraction of the largest.
-The entries of a typed start may be rounded to 1e-6, so that dependent rows differ by about 1e-6."""
+"""Least singular value of the constraints' gradients, as a fraction of the largest one, above which they are certainly
+independent. The entries of a typed start may be rounded to 1e-6, so that dependent gradients differ by about 1e-6."""
 
 VANISHING_RATIO = 1e-3
-"""Largest size of a constraint gradient on the constraints, relative to its size at a nearby state off them, that
-counts as zero. The gradient of a squared constraint, such as x**2 = 0, decreases to 1e-6 / AROUND."""
+"""Largest size of a constraint's gradient that counts as zero where the constraint holds, as a fraction of its size at
+a nearby state where it does not hold. For a squared constraint, such as x**2 = 0, this fraction is 1e-6 / AROUND."""
 
 
 def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
     """Return the constraints that are dependent at a state y (2n,) and at all nearby states on the constraints.
 
-    Dependent constraints have linearly dependent rows of the gradient G. The result is None if there are none.
+    Constraints are dependent if their rows of the gradient G are linearly dependent. The result is None if there are
+    no such constraints.
     """
     projection, first = Projection(model, t, parameters), None
     units = units_of(projection.metric(y))
@@ -70,15 +71,15 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
 
 
 _INDEPENDENT: WeakKeyDictionary[Model, bytes] = WeakKeyDictionary()
-"""For each model the parameters for which its constraints were last found independent, at a state that satisfies them.
-With the same parameters they are not dependent everywhere on the surface. With other parameters they may be."""
+"""The parameters, as bytes, for which the constraints of each model were last found independent at some state. With the
+same parameters they are not dependent at all states on the constraints, so that the test need not be repeated."""
 
 
 def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
     """Raise StatementError if constraints are dependent at a start and at all nearby states that satisfy them.
 
-    Without this test, rounding may make the rows of their gradient look independent, with multipliers of 1e16. Only the
-    first start for each set of parameters is tested.
+    Without this test, rounding may make the rows of their gradient look independent, with multipliers of 1e16. The test
+    is left out if the last start of the model had the same parameters.
     """
     if model.statement.redundant != REFUSE or _INDEPENDENT.get(model) == parameters.tobytes():
         return
@@ -131,21 +132,21 @@ MOST_SHORT_STEPS = 5_000
 The test of both ends of a step takes 20 us."""
 
 MANY_STEPS = 10_000
-"""Number of steps of a run from which on its shortest step is always tested for dependent constraints. The test then
-takes a small part of the time of the run."""
+"""Smallest number of steps of a run whose shortest step is always tested for dependent constraints, even if it is not
+much shorter than the others. The test then takes a small part of the time of the run."""
 
 DEPENDENCE_FACTOR = 3.0
-"""Constraints count as dependent if their least singular value, relative to the start, is below this times the square
-root of rtol. Runs of four methods over crossings had 1e-6 to 5e-5 at rtol = 1e-9."""
+"""Largest least singular value at which constraints count as dependent in a run, in units of sqrt(rtol). It is relative
+to the value at the start. Runs of four methods over crossings had values of 1e-6 to 5e-5 at rtol = 1e-9."""
 
 SURELY_FAR = 1e2
-"""Margin of a quick test for dependent constraints, in which coordinates keep their units. Units change the least
-singular value of normalised rows of the gradient by less than this factor. Only states within this multiple of the
-threshold are tested again, with scaled coordinates."""
+"""Factor of the threshold in a quick test for dependent constraints, which does not scale the coordinates. Scaling
+changes the least singular value of normalised rows of the gradient by less than this factor. Only states below the
+threshold times this factor are tested again, with scaled coordinates."""
 
 AWAY, STATES_AFTER = 0.1, 32
-"""Relative singular value above which a motion has moved away from a crossing, and the number of states after the
-crossing at which this is tested."""
+"""Test that a motion has moved away from a state with dependent constraints: the relative least singular value above
+which it has, and the number of later states at which this value is computed."""
 
 
 def dependent_passage(
@@ -153,10 +154,10 @@ def dependent_passage(
 ) -> tuple[int, Singular] | None:
     """Find the first state at which constraints are dependent, so that rounding decides the motion after it.
 
-    `times` (S+1,) and `states` (S+1, 2n) are accepted states. Only states at short steps are searched. Returns the
-    index of an accepted state and the dependent constraints, or None. At this state, before the dependence, the
-    velocities are still accurate to sqrt(rtol). If the run has `stopped` early, a dependence counts only if the motion
-    moved away from it afterwards: a run may end where constraints are dependent.
+    `times` (S+1,) and `states` (S+1, 2n) are those of S accepted steps. Only states at short steps are searched.
+    Returns the dependent constraints and the index of an earlier state, the last one at which the velocities are
+    accurate to sqrt(rtol), or None if no constraints are dependent. If the run has `stopped` early, a dependence counts
+    only if the motion moved away from it afterwards: a run may end where constraints are dependent.
     """
     count = len(times) - 1 - FIRST_STEPS
     if count < 2 or not rtol:
@@ -183,10 +184,11 @@ def dependent_passage(
 
 
 class _Nearness:
-    """Computes the least singular value of the constraint gradient G at states of a run, relative to a reference.
+    """Measures how near the constraints are to dependence at states of a run: by the least singular value of G.
 
-    The reference is the largest of these values at the start, the middle and the end of the run, since a motion may
-    begin or end near dependent constraints. The rows of G are divided by their largest lengths at these three states.
+    G is the gradient of the constraints. Its rows are divided by their largest lengths at the start, the middle and the
+    end of the run. The value is relative to the largest of its values at these three states, since a motion may begin
+    or end near dependent constraints.
     """
 
     def __init__(self, model: Model, parameters: FloatArray, times: FloatArray, states: FloatArray) -> None:
@@ -203,7 +205,7 @@ class _Nearness:
         self._unit = float(values[np.isfinite(values)].max(initial=0.0))
 
     def _gradients(self, times: FloatArray, states: FloatArray) -> FloatArray:
-        """Return G (k, m, n) at times (k,) and states (k, 2n)."""
+        """Return the constraint gradients G (k, m, n) at times (k,) and states (k, 2n)."""
         with np.errstate(all="ignore"):
             return np.moveaxis(self._residuals.gradients(times, states.T, self._parameters)[self._rows], 2, 0)
 
@@ -221,7 +223,10 @@ class _Nearness:
         return values
 
     def dependent(self, t: float, y: FloatArray) -> Singular | None:
-        """Return the combination of constraints nearest to dependence at y (2n,), or None if G is not finite."""
+        """Return the combination of constraints that is nearest to dependence at time t and state y (2n,).
+
+        The result is None if the gradient G is not finite.
+        """
         unit = np.eye(self._longest.shape[1])
         gradient = self._residuals.gradient(t, y, self._parameters)[self._rows]
         return least_regular(unit, gradient, scales(unit, self._longest))

@@ -20,26 +20,31 @@ from lagrange.machine.model import Model
 from lagrange.trajectory.constraints.residuals import ON_SURFACE, ConstraintResiduals, residuals_of
 
 HALVINGS = 50
-"""Number of bisections that locate the zero of a surface on the chord of a step, to the spacing of doubles."""
+"""Number of bisections that locate a switching surface on the straight line between the states at both ends of a step.
+They locate it to the spacing of floating-point numbers."""
 
 SURFACE_DISTANCE = 1e-6
-"""Distance before and after a surface at which constraints are compared, as a fraction of the step."""
+"""Distance before and after a switching surface at which constraints are compared, as a fraction of the step."""
 
 CONTINUOUS = 4.0
-"""A constraint jumps if its change over a surface exceeds this multiple of its change over an equal distance nearby."""
+"""Largest change of a continuous constraint over a switching surface, as a multiple of its change over an equal
+distance beside the surface. With a larger change the constraint jumps."""
 
 LONGEST_SURFACE = 80
 """Longest expression that a message shows, in characters."""
 
 CHANGE_NOISE = 1e-9
-"""A change of a constraint below this fraction of its terms is rounding: the surface is located to 1e-15 of a step."""
+"""Largest change of a constraint over a switching surface that counts as rounding, as a fraction of its terms. The
+surface is located to 1e-15 of a step."""
 
 VANISHING_GRADIENT = 1e-2
-"""Largest row of G, relative to its size at the ends of a step, that counts as zero. The rows at both ends must be
-parallel, and the constraint must hold to this fraction. Neither is true while a velocity turns."""
+"""Largest size of a row of the constraint gradient G that counts as zero inside a step, as a fraction of its size at
+the ends of the step. The constraint must hold there to the same fraction of its terms. While a velocity only changes
+its direction, the row does not become so small."""
 
 SEARCH_AHEAD = 1e-6
-"""Distance, as a fraction of the run, that is searched for a discontinuity after steps became too small."""
+"""Time, as a fraction of the run, over which the motion ahead is searched for a discontinuity of a constraint after the
+steps have become too small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +52,8 @@ class Discontinuity:
     """A discontinuity of a constraint inside a step of a run.
 
     The step begins at the state `y` (2n,) at the time `t` and ends at the time `after`. The discontinuity is at the
-    fraction `part` of the step. `what` is the message. `steps` is the number of steps from `t` to the last state that
-    was searched.
+    fraction `part` of the step. `what` is the message about it. `steps` is the number of steps from `t` to the last
+    state that was searched.
     """
 
     t: float
@@ -62,8 +67,8 @@ class Discontinuity:
 class Discontinuities:
     """Finds the corners and jumps of constraints in runs of one model with parameters (k,).
 
-    It searches steps that were taken, or a straight line ahead of a state. At a corner or a jump the derivatives of a
-    constraint, which give its force, have no value. `span` is the duration of the run.
+    It searches steps that were taken, or a straight line ahead of a state. At a corner or a jump a constraint has no
+    derivatives, and so no force. `span` is the duration of the run.
     """
 
     def __init__(self, model: Model, parameters: FloatArray, span: float) -> None:
@@ -71,7 +76,7 @@ class Discontinuities:
         self.residuals: ConstraintResiduals = residuals_of(model)
 
     def on(self, times: FloatArray, states: FloatArray) -> Discontinuity | None:
-        """Return the first discontinuity between times (k,) and states (k, 2n) of a run, or None."""
+        """Return the first discontinuity on the steps between states (k, 2n) of a run at times (k,), or None."""
         candidates = self._switched(times, states), self._vanishing(times, states)
         row, part, what = min(filter(None, candidates), key=lambda candidate: candidate[:2], default=(0, 0.0, ""))
         if not what:
@@ -206,10 +211,10 @@ class Discontinuities:
 class _Surface:
     """Constraints at k states on one side of a switching surface, scaled so that two sides can be compared.
 
-    `values` (p + m, k) are the p constraints on positions, phi, and the m on velocities, psi. `sizes` are the sizes of
-    their terms. `rows` (m, n, k) is the gradient G. `positions` (p,) are the indices of the rows of G that belong to
-    phi. Everything is divided by the lengths of the rows of G. So a factor of a constraint that changes at the surface
-    makes no difference.
+    `values` (p + m, k) are the p constraints on positions, phi, and the m on velocities, psi. `sizes` (p + m, k) are
+    the sums of magnitudes of their terms. `rows` (m, n, k) is the gradient G. `positions` (p,) are the indices of the
+    rows of G that belong to phi. Everything is divided by the lengths of the rows of G, so that the two sides agree
+    although a constraint is multiplied by another factor on the other side.
     """
 
     values: FloatArray
@@ -219,7 +224,7 @@ class _Surface:
 
     @classmethod
     def at(cls, residuals: ConstraintResiduals, t: FloatArray, y: FloatArray, parameters: FloatArray) -> _Surface:
-        """Return the constraints at times (k,) and states (2n, k), as `residuals` evaluates them."""
+        """Return the scaled constraints at times (k,) and states (2n, k). `residuals` evaluates them."""
         values, sizes = residuals.of_many(t, y, parameters)
         rows = residuals.gradients(t, y, parameters)
         lengths = np.linalg.norm(rows, axis=1)
@@ -229,10 +234,10 @@ class _Surface:
         return cls(values / units, sizes / units, rows / lengths[:, None], positions)
 
     def change(self, other: _Surface) -> FloatArray:
-        """Return the difference of each constraint between the two sides, (p + m, k).
+        """Return the relative difference (p + m, k) of each constraint between this side and the `other` one.
 
         First come the p constraints phi on positions: the difference of their values, relative to their terms. Then
-        come the m constraints psi on velocities: the difference of values, or of the row of G if that is larger.
+        come the m constraints psi on velocities: the same difference, or that of the row of G if it is larger.
         """
         signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
         turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)
@@ -243,7 +248,7 @@ class _Surface:
 
 
 def may_be_discontinuous(model: Model) -> bool:
-    """Return True if constraints of a model have switching surfaces, or rows of G that may be zero."""
+    """Return True if constraints of a model may jump, have a corner, or lose their effect at some state."""
     if not len(model.equations.constraints):
         return False
     return bool(residuals_of(model).switched.stated) or len(residuals_of(model).turning) > 0
@@ -254,7 +259,7 @@ def _chord(
 ) -> tuple[FloatArray, FloatArray]:
     """Return times (k,) and states (2n, k) on straight lines between successive states of a run.
 
-    Line i begins at the state with index `rows[i]`. The result is at its fraction `parts[i]`.
+    Line i begins at the state with index `rows[i]`. Result i is the point at the fraction `parts[i]` of this line.
     """
     t = times[rows] + parts * (times[rows + 1] - times[rows])
     return t, (states[rows] + parts[:, None] * (states[rows + 1] - states[rows])).T

@@ -25,37 +25,40 @@ NAMED_CONSTRAINTS = 3
 """Largest number of constraints that an error message names."""
 
 MOST_ENTRIES = 4
-"""Largest number of entries of a state that an error message lists even if they equal the statement's values."""
+"""Largest number of entries of a state that an error message lists in full. If there are more, it lists only those that
+differ from the initial values of the statement."""
 
 LONGEST_EXPRESSION = 60
 """Longest expression that a message shows, in characters."""
 
 CONVERGED = KEPT_VIOLATION / 2
-"""A residual of at most this fraction of its size needs no further correction. It is smaller than the violation that
-steps keep, so that the first step does not move a projected start."""
+"""Largest residual of a constraint, as a fraction of its size, that a projection leaves. It is smaller than the
+violation that steps of a run leave uncorrected, so that the first step does not move a projected start."""
 
 NEAREST_CORRECTIONS = 60
 """Largest number of corrections of a start by Newton's method, which converges within ten from a nearby state."""
 
 SHARES = tuple(2.0**-k for k in range(11))
-"""Fractions of a correction that are tried in turn. If none of them helps, the search ends."""
+"""Fractions of a correction that the search for a state on the constraints tries in turn. The first one with a smaller
+error is taken. If none has a smaller error, the search ends."""
 
 MOST_DESCENTS = 200
-"""Largest number of steps along the surface to the nearest point. A step multiplies the remaining distance by about the
-curvature of the surface times the distance of the two points."""
+"""Largest number of steps along a surface in the search for the point nearest to a start. A step multiplies the
+remaining distance by about the curvature of the surface times the distance of the start from it."""
 
 NEAREST = 1e-9
-"""Length of a step along the surface at which the search for the nearest point ends, as a fraction of the distance from
-the starting point. The search also ends if the step is rounding."""
+"""Length of a step along a surface at which the search for the point nearest to a start ends, as a fraction of the
+distance from the start. The search also ends if the step is rounding."""
 
 Surface = Callable[[FloatArray], Residuals]
 
 
 class Nearest:
-    """Search for the point of a surface that is nearest to another point.
+    """Search for the point of a surface that is nearest to a start: the set on which all residuals are zero.
 
-    `metric` (k, k) is the symmetric matrix that measures distances. It may be singular if it is definite on the
-    tangents of the surface. Only the `free` entries (a mask) of the point may change.
+    `surface` maps a point (k,) to its residuals. `metric` (k, k) is the symmetric matrix that measures distances. It
+    may be singular if it is definite on the tangents of the surface. Only the `free` entries (a mask) of the start may
+    change.
     """
 
     def __init__(self, surface: Surface, metric: FloatArray, free: FloatArray) -> None:
@@ -63,7 +66,10 @@ class Nearest:
         self._free = np.flatnonzero(free)
 
     def of(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
-        """Return the point of the surface nearest to `start` (k,), or else the last iterate, and its residuals."""
+        """Return the point of the surface nearest to `start` (k,), and its residuals.
+
+        If the search fails, the point is its last iterate, which is not on the surface.
+        """
         x, residuals = self.restored(start)
         if residuals.largest > ON_SURFACE:
             return x, residuals
@@ -84,8 +90,8 @@ class Nearest:
     def restored(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
         """Return a point of the surface close to `start` (k,), and its residuals.
 
-        Newton's method takes the shortest step that solves the linearized equations. Unlike `of`, this does not look
-        for the nearest point.
+        Newton's method takes the shortest step that solves the linearized equations. Unlike `of`, it does not look for
+        the nearest point. If it fails, the point is its last iterate.
         """
         x, residuals = start, self._surface(start)
         for _ in range(NEAREST_CORRECTIONS):
@@ -102,9 +108,10 @@ class Nearest:
         return x, residuals
 
     def _step(self, residuals: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
-        """Return the displacement d (k,) closest to `towards` (k,) with G d = `right` (m,), or zero if d overflows.
+        """Return the displacement d (k,) nearest to `towards` (k,) that solves G d = `right` (m,).
 
-        G is the gradient of the `residuals`. Distances are measured by the metric.
+        G (m, k) is the gradient of the `residuals`. Distances are measured by the metric. The result is zero if d
+        overflows.
         """
         free, n = self._free, len(self._free)
         gradient = residuals.gradient[:, free]
@@ -127,7 +134,10 @@ class Nearest:
 
 
 class Projection:
-    """Projects states of one model at one time onto its constraints: first the coordinates, then the velocities."""
+    """Projects states of one model at time t onto its constraints: first the coordinates, then the velocities.
+
+    The entries of the state with the indices `held` keep their values.
+    """
 
     def __init__(self, model: Model, t: float, parameters: FloatArray, held: Sequence[int] = ()) -> None:
         self.model, self.t, self.parameters = model, t, parameters
@@ -152,7 +162,8 @@ class Projection:
     def share(self, y: FloatArray) -> float:
         """Return the largest violation of a constraint at a state (2n,), relative to the size of its residual.
 
-        The size is the larger of the constraint's terms and its gradient times the size of the state's entries.
+        The size is the sum of the magnitudes of the constraint's terms, or the gradient times the largest entry of the
+        state if that is larger.
         """
         units = units_of(self.metric(y))
         return max(self._at(part, y, units).largest for part in (0, 1))
@@ -161,6 +172,7 @@ class Projection:
         """Return a state y (2n,) with the velocities of coordinates without inertia computed from their equations.
 
         Only velocities that are zero are computed. Other velocities were chosen by the user, and `check` tests them.
+        Raises StatementError if the equations have no solution, or several.
         """
         rows = self.model.equations.following
         if not rows:
@@ -184,15 +196,16 @@ class Projection:
         return np.where(alone & (y == 0.0), completed_state, y)
 
     def solved_for(self, rows: Sequence[int], y: FloatArray) -> FloatArray | None:
-        """Return a state with the entries `rows` (indices) computed from all others, or None if that is impossible.
+        """Return the state y (2n,) with its entries `rows` (indices) computed from all others, or None.
 
-        The equations are the constraints, and the equations of motion of coordinates without inertia.
+        The equations are the constraints, and the equations of motion of coordinates without inertia. None means that
+        no solution was found.
         """
         fixed = [row for row in range(len(y)) if row not in rows]
         return Projection(self.model, self.t, self.parameters, fixed).reached(y)
 
     def check(self, y: FloatArray) -> None:
-        """Raise StatementError if a state is off the constraints by more than the rounding of typed numbers."""
+        """Raise StatementError if a state y (2n,) violates a constraint by more than the rounding of typed numbers."""
         units = units_of(self.metric(y))
         for part in (0, 1):
             residuals = self._at(part, y, units)
@@ -203,7 +216,8 @@ class Projection:
     def violated(self, y: FloatArray, before: FloatArray) -> str | None:
         """Return a sentence on the constraints that a state y (2n,) violates by more than rounding, or None.
 
-        Displacements are scaled by the inertias at the state `before` (2n,), where the mass matrix is finite.
+        Coordinates are compared after scaling by the roots of their inertias at the state `before` (2n,), where the
+        mass matrix is finite.
         """
         units = units_of(self.metric(before))
         for part in (0, 1):
@@ -213,7 +227,10 @@ class Projection:
         return None
 
     def of(self, y: FloatArray) -> FloatArray:
-        """Return the nearest state (2n,) on the constraints. Raises StatementError if none is found."""
+        """Return the state (2n,) on the constraints that is nearest to y (2n,).
+
+        Raises StatementError if none is found.
+        """
         units, after = units_of(self.metric(y)), y
         for part in (0, 1):
             self.differentiable(self._at(part, after, units), part, after)
@@ -223,9 +240,9 @@ class Projection:
         return after
 
     def reached(self, y: FloatArray, *, nearest: bool = True) -> FloatArray | None:
-        """Return the nearest state on the constraints, or None if none is found.
+        """Return the state (2n,) on the constraints that is nearest to y (2n,), or None if none is found.
 
-        If `nearest` is False, return a state close to y (2n,), not the nearest, which takes a tenth of the time.
+        If `nearest` is False, return a state that is close to y but not the nearest. This takes a tenth of the time.
         """
         units, after = units_of(self.metric(y)), y
         for part in (0, 1):
@@ -237,11 +254,11 @@ class Projection:
     def _nearest(
         self, part: int, y: FloatArray, units: FloatArray, *, nearest: bool = True
     ) -> tuple[FloatArray, Residuals]:
-        """Return the state with the nearest coordinates (part 0) or velocities (part 1) on the constraints.
+        """Move the coordinates (part 0) or the velocities (part 1) of a state y (2n,) by least onto the constraints.
 
-        The second result has the residuals at this state. `units` (n,) are the scales of displacements, the square
-        roots of inertia. If the search fails, the state is the last iterate. If `nearest` is False, a state close to y
-        (2n,) is returned instead, in less time.
+        Return the new state and its residuals. `units` (n,) are the scales of displacements, the square roots of
+        inertia. If the search fails, the state is the last iterate. If `nearest` is False, a state is returned that is
+        close to y but not the nearest. This takes less time.
         """
         rows = (self.model.layout.q, self.model.layout.v)[part]
 
@@ -281,7 +298,7 @@ class Projection:
         )
 
     def place(self, y: FloatArray) -> str:
-        """Return the text of a state (2n,) for a message."""
+        """Return the entries of a state (2n,) as text for a message, such as "x = 1 and x.dot = 0"."""
         return listing(f"{name} = {x:.6g}" for name, x in zip(self.model.layout.names(".dot"), y, strict=True))
 
     def _at(self, part: int, y: FloatArray, units: FloatArray) -> Residuals:
@@ -294,8 +311,8 @@ class Projection:
     def _values(self, residuals: Residuals, rows: list[int], part: int) -> str:
         """Return a text with the values of some constraints, for a message.
 
-        `rows` are indices of the constraints on coordinates (part 0), or of all constraints on velocities (part 1).
-        `residuals` has their values.
+        `rows` are their indices among the constraints on coordinates (part 0), or among all constraints on velocities
+        (part 1). `residuals` has the values.
         """
         stated = self._stated(part)
         values = [
@@ -319,7 +336,10 @@ class Projection:
         )
 
     def _nearest_in_words(self, y: FloatArray) -> str:
-        """Return the call that computes the nearest state, ready to be pasted, or advice if there is none."""
+        """Return text for a message: the call of `System.consistent` that computes the nearest state, or other advice.
+
+        The advice is for a state y (2n,) from which no nearest state on the constraints is found.
+        """
         if self.reached(y) is None:
             return ": no nearest state is found from this one, so give initial values, of coordinates first"
         statement, names = self.model.statement, self.model.layout.names()
@@ -360,7 +380,7 @@ class Projection:
 
 
 def _far(residuals: Residuals) -> list[int]:
-    """Return the indices of residuals that exceed the rounding of typed numbers, or are not finite."""
+    """Return the indices of the residuals that are larger than the rounding of typed numbers, or not finite."""
     near = np.abs(residuals.values) <= np.maximum(TYPED_ROUNDING * residuals.terms, ON_SURFACE * residuals.sizes)
     return np.flatnonzero(~near).tolist()
 

@@ -18,23 +18,25 @@ from lagrange.program.switching import switch
 from lagrange.statement.statement import Constraint
 
 ON_SURFACE = 2.0**-40
-"""A residual of at most this fraction of its size is rounding: states of doubles are rarely closer to the surface."""
+"""Largest residual of a constraint that counts as zero, as a fraction of its size. States in double precision are
+rarely closer to the set where the constraint holds."""
 
 CORNER_DISTANCE = 1e-7
-"""Distance before and after a possible corner of a constraint at which its gradients are compared, relative to the
-largest coordinate."""
+"""Distance before and after a possible corner of a constraint at which its gradients are compared, as a fraction of the
+largest coordinate. At a corner the gradient jumps, as that of y - abs(x) at x = 0."""
 
 CORNER = 1e-4
-"""Change of a constraint gradient across a possible corner, relative to its size, above which the corner is real. The
-gradients `CORNER_DISTANCE` before and after it are compared. A smooth gradient changes by 1e-7 of its size."""
+"""Change of a constraint's gradient, relative to its size, above which the constraint has a corner. The gradients at
+`CORNER_DISTANCE` before and after the possible corner are compared. A smooth gradient changes by 1e-7 of its size."""
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Residuals of a surface at a point (k,): m values that are zero on the surface, and their gradients (m, k).
+    """Residuals of m constraints at a point (k,): `values` (m,), which are zero on the surface where they hold.
 
-    `terms` (m,) are the sizes of the terms that cancel in each value. `sizes` (m,) are the scales to which rounding is
-    relative. The scale of a value is the larger of its terms and its gradient times the entries of the point.
+    `gradient` (m, k) has the derivatives of the values. `terms` (m,) are the sums of magnitudes of the terms that
+    cancel in each value. `sizes` (m,) are the scales to which rounding of the values is relative. A scale is `terms`,
+    or the gradient times the largest entry of the point if that is larger.
     """
 
     values: FloatArray
@@ -54,8 +56,7 @@ class ConstraintResiduals:
     """The constraints of one model as functions of the state: phi on positions (p,), and psi on velocities (m,).
 
     psi has the time derivatives of phi, and the constraints that are stated in velocities. G = dpsi/dv (m, n) is the
-    gradient by the velocities. The size of a constraint on velocities is the size of its terms. The size of a
-    constraint on positions is at least the gradient times the largest entry, since the only term of y = 0 is y itself.
+    gradient by the velocities. The size of a constraint is the sum of the magnitudes of its terms.
     """
 
     def __init__(self, model: Model) -> None:
@@ -73,7 +74,7 @@ class ConstraintResiduals:
         self.places = len(positions)
         moving = [any(entry.binding >= Binding.VELOCITY for entry in row) for row in equations.constraints.gradient]
         self.turning = np.flatnonzero(moving)
-        """Indices of the constraints whose row of G depends on velocities."""
+        """Indices of the constraints whose row of the gradient G depends on velocities, and may therefore vanish."""
         self.settled = count if equations.settled else 0
         """Number of constraints, the last ones, that only define velocities of coordinates without inertia.
 
@@ -86,7 +87,9 @@ class ConstraintResiduals:
         self._gradient = _kernel(model, tuple(entries[k] for k in self._present))
         self._residuals = _kernel(model, (*stated, *term_sizes(stated)))
         self.mass_matrix = model.interpreted("mass_matrix")
-        """The metric of displacements. It is interpreted, since it is also evaluated at states off the constraints."""
+        """Function that returns the mass matrix, by which distances of states are measured.
+
+        It is interpreted, since it is also evaluated at states off the constraints."""
         self._layout = model.layout
         graph, q = model.equations.graph, model.equations.q
         # Only the branch of a piecewise that is taken counts. Its conditions are switching surfaces, too.
@@ -108,7 +111,10 @@ class ConstraintResiduals:
         return bool((np.abs(results[:half]) <= ON_SURFACE * results[half:]).all())
 
     def worst(self, t: float, y: FloatArray, parameters: FloatArray) -> tuple[str, float]:
-        """Return the name of the constraint that y (2n,) violates most, and the violation relative to its terms."""
+        """Return the name of the constraint that the state y (2n,) violates most, and the violation.
+
+        Violations are relative to the sum of the magnitudes of the constraint's terms.
+        """
         values, terms = self.of_many(t, y, parameters)
         shares = np.abs(values) / np.where(terms > 0, terms, 1.0)
         row = int(np.argmax(np.where(np.isfinite(shares), shares, np.inf)))
@@ -116,7 +122,7 @@ class ConstraintResiduals:
 
     @property
     def labels(self) -> list[str]:
-        """The names of the constraints (p + m,): the p constraints phi on positions, then all m constraints psi."""
+        """The names of the p constraints phi on positions, followed by those of all m constraints psi on velocities."""
         return [*compress(self.names, self.holonomic), *self.names]
 
     def gradients(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
@@ -126,7 +132,10 @@ class ConstraintResiduals:
         return rows.reshape(len(self.names), -1, len(t))
 
     def surfaces(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the switching functions of the constraints, (s, k), at times (k,) and states (2n, k)."""
+        """Return the values (s, k) of the constraints' s switching functions at times (k,) and states (2n, k).
+
+        They are the arguments of `abs`, `sign` and conditions in the constraints.
+        """
         return np.empty((0, len(t))) if self._surfaces is None else self._surfaces(t, y, parameters)
 
     def of_part(self, part: int, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
@@ -170,9 +179,9 @@ class ConstraintResiduals:
         return None
 
     def of_many(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return phi, then psi, in one array, and the sizes of their terms, (p + m, k) each.
+        """Return the values of the constraints, phi before psi, and the sums of magnitudes of their terms.
 
-        `t` has k times and `y` k states (2n, k). For one time and one state (2n,) the results are (p + m,).
+        Both results are (p + m, k) for k times `t` and states `y` (2n, k), or (p + m,) for one time and state (2n,).
         """
         with np.errstate(all="ignore"):
             results = self._residuals(t, y, parameters)
@@ -181,7 +190,10 @@ class ConstraintResiduals:
 
 
 def units_of(metric: FloatArray) -> FloatArray:
-    """Return scales (n,) of displacements: the square root of each coordinate's inertia, 1 without inertia."""
+    """Return scales (n,) of the coordinates: the square root of each one's inertia, or 1 for one without inertia.
+
+    The inertias are on the diagonal of the mass matrix `metric` (n, n).
+    """
     sizes = np.abs(np.diag(metric))
     return np.sqrt(np.where((sizes > 0) & np.isfinite(sizes), sizes, 1.0))
 
@@ -194,7 +206,7 @@ _KNOWN: WeakKeyDictionary[Model, ConstraintResiduals] = WeakKeyDictionary()
 
 
 def residuals_of(model: Model) -> ConstraintResiduals:
-    """Return the functions that evaluate a model's constraints, which are made at the first call for this model."""
+    """Return the object that evaluates a model's constraints. It is made at the first call for this model."""
     residuals = _KNOWN.get(model)
     if residuals is None:
         residuals = _KNOWN[model] = ConstraintResiduals(model)

@@ -25,10 +25,12 @@ from lagrange.trajectory.contact.stick_or_slide import CLOSED, OPEN, SLIDING, ST
 from lagrange.trajectory.trajectory import FloatArray, Trajectory, segment_numbers
 
 GAUSS_POINTS = 12
-"""Number of points of Gauss's rule on each interval between outputs. It is exact for polynomials of degree 23."""
+"""Number of points of Gauss's rule on each interval over which the power of friction is integrated. The rule is exact
+for polynomials of degree 23."""
 
 MOST_HALVINGS, AGREEMENT = 8, 1e-13
-"""Largest number of halvings of an interval, and the error that ends them, relative to the dissipated energy."""
+"""Limits of the halving of intervals over which the power of friction is integrated: the largest number of halvings,
+and the error, as a fraction of the dissipated energy, below which no interval is halved."""
 
 TIME, IMPULSE, LOST, FRICTION = range(4)
 """Columns of impacts: time, normal impulse, energy that is lost, and first component of the friction impulse."""
@@ -50,8 +52,8 @@ class ContactHistory:
 
     `begins` (s,) are the times at which segments begin, and `modes` their modes (the state of each contact). `impacts`
     has an array (k, 3 + slips) for each contact: time, normal impulse, energy lost, friction impulse. `rests` has for
-    each contact the times at which its impacts accumulate. `rubbed` (N,) is the energy that sliding has dissipated up
-    to each output, in a run read from a file; else it is computed.
+    each contact the times at which accumulating impacts end. `rubbed` (N,) is the energy that sliding has dissipated up
+    to each output, in a run that was read from a file. In other runs it is None, and the energy is computed.
     """
 
     begins: FloatArray
@@ -62,7 +64,10 @@ class ContactHistory:
 
 
 def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> ContactHistory:
-    """Return the history of contacts from a file's arrays. Raises StatementError if these do not fit the contacts."""
+    """Return the history of contacts from the arrays in a file, by name, as `ContactRun.arrays` returned them.
+
+    Raises StatementError if the arrays do not fit the contacts.
+    """
     modes = tuple(
         Mode(tuple(states), tuple(ways), None if independent is None else tuple(independent), tuple(bouncing), *others)
         for states, ways, independent, bouncing, *others in json.loads(str(arrays["modes"]))
@@ -105,9 +110,9 @@ class ContactRun:
             yield mode, np.isin(numbers, mine)
 
     def evaluate(self, expression: Any) -> FloatArray:
-        """Return an expression at the outputs, (N,), with the accelerations and forces of the mode at each time.
+        """Return the values (N,) of an expression at the outputs, with the accelerations and forces of the mode then.
 
-        It may contain gaps and normal forces of contacts, in addition to what `Solution.evaluate` allows.
+        The expression may contain gaps and normal forces of contacts, besides all that `Solution.evaluate` allows.
         """
         statement, symbols = self.model.statement, expression_of(expression, "the expression").free_symbols
         names = [name for symbol in symbols if (name := constraint_of(symbol)) is not None]
@@ -119,7 +124,7 @@ class ContactRun:
         return values
 
     def _in_mode(self, mode: Mode, expression: Any, times: FloatArray, y: FloatArray) -> FloatArray:
-        """Return an expression (K,) at times (K,) and states y (2n, K), with the equations of motion of a mode."""
+        """Return the values (K,) of an expression at times (K,) and states y (2n, K), with the equations of a mode."""
         statement = self.model.statement
         plain = expression_of(expression, "the expression").xreplace(statement.gaps)
         pairs = zip(statement.contacts, mode.states, strict=True)
@@ -131,7 +136,8 @@ class ContactRun:
     def energy_lost(self) -> FloatArray:
         """The energy that impacts and friction have dissipated, (N,) at the output times.
 
-        If a time occurs twice, the first state is that before an impact, unless both are equal.
+        If two outputs have the same time, the first is before an impact and the second after it, unless their states
+        are equal.
         """
         lost = self.lost_at(self.trajectory.t)
         y = self.trajectory.y
@@ -229,7 +235,7 @@ class ContactResult:
 
     @cached_property
     def friction(self) -> FloatArray:
-        """The friction force at the output times, (N,), or (2, N) in a plane, positive along the stated slip."""
+        """The friction force at the output times, (N,), or (2, N) in a plane. It is positive along the stated slip."""
         run, stated = self._run.trajectory, self._stated
         forces = np.zeros((len(stated.slip), len(run.t)))
         for mode, where in self._run._segments(run.t):
@@ -249,5 +255,5 @@ class ContactResult:
 
     @property
     def rests(self) -> tuple[float, ...]:
-        """The times at which infinitely many impacts end. After each the contact may open again, and have impacts."""
+        """The times at which infinitely many impacts end. After each the contact may open, and have impacts again."""
         return self._run.history.rests[self._which]

@@ -41,20 +41,22 @@ LONGEST_RESET = 2_000
 """Largest number of operations in the reset of an impact that is written out."""
 
 SLIGHT, SHORT = 2.0**-48, 1e-3
-"""Size of the rate with which a gap or a slip begins to grow after a change of the mode: the first number times a
-velocity. This velocity is the largest term of the accelerations times a duration. The duration is the absolute time, or
-the second number times the span of the run if that is longer. 2**-48 is 16 units of rounding."""
+"""Numbers for the rate with which a gap or a slip begins to grow after a change of the mode. The rate is the first
+number (16 times 2**-52) times a velocity. This velocity is the largest term of the accelerations, multiplied by |t|, or
+by the second number times the duration of the run if that is longer."""
 
 ORTHOGONAL = 1e-14
-"""Two directions are orthogonal if their product is below this fraction of its terms. Stated numbers are rounded."""
+"""Largest scalar product of two orthogonal directions, as a fraction of its terms. It is not exactly zero because the
+numbers in the statement are rounded."""
 
 
 @dataclass(frozen=True, eq=False)
 class WrittenImpacts:
-    """Impacts without friction as resets of events: `resets` has one reset for each contact, or None.
+    """Impacts without friction as resets of events. `resets` has a reset or None for each contact.
 
-    A reset is a dict from symbol to new value. It is None if the restitution is zero, the formulas are too long, or the
-    gap is not a polynomial. `kernel` returns for each contact the impulse, the energy lost and the impact speed.
+    A reset is a dict from coordinates and velocities to their new values. It is None if the restitution is zero, the
+    formulas are too long, or the gap is not a polynomial. `kernel` returns for each contact the impulse, the energy
+    lost and the impact speed.
     """
 
     resets: tuple[dict[Any, Any] | None, ...]
@@ -63,7 +65,10 @@ class WrittenImpacts:
 
 @lru_cache(maxsize=MODELS_KEPT)
 def written_impacts(model: Model) -> WrittenImpacts | None:
-    """Return the impacts of a model as formulas, or None with constraints, friction or many coupled coordinates."""
+    """Return the impacts of a model's contacts as resets, or None if no reset can be written as a formula.
+
+    The result is also None for a system with constraints, with friction or with many coupled coordinates.
+    """
     statement = model.statement
     if statement.constraints or any(contact.slip and not contact.friction[0].is_zero for contact in statement.contacts):
         return None
@@ -95,9 +100,9 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
 
 @lru_cache(maxsize=MODELS_KEPT)
 def coupling(statement: Statement) -> Any:
-    """Return the mass matrix as a SymPy matrix, or None if the formulas of impacts would be too long.
+    """Return the mass matrix of a system as a SymPy matrix, or None if the formulas of impacts would be too long.
 
-    It is None if the matrix depends on velocities, or if it is not diagonal and has more than `LARGEST_COUPLED` rows.
+    They are too long if the matrix depends on velocities, or is not diagonal and has more than `LARGEST_COUPLED` rows.
     """
     # Derivatives by symbols are a hundred times faster than those by functions of time.
     symbols = {rate: sympy.Dummy() for rate in statement.velocities}
@@ -109,14 +114,14 @@ def coupling(statement: Statement) -> Any:
 
 
 def response_of(mass: Any, direction: Any) -> Any:
-    """Return the accelerations M^-1 W (n,) due to a unit force along a direction W (n,)."""
+    """Return the accelerations M^-1 W (n,) by a unit force along a `direction` W (n,). M is the `mass` matrix."""
     if mass.is_diagonal():
         return sympy.Matrix([w / mass[i, i] for i, w in enumerate(direction)])
     return mass.LUsolve(direction)
 
 
 def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
-    """Return the partial derivative of a gap by time at fixed coordinates."""
+    """Return the partial derivative of a gap by time, with the coordinates `q` fixed."""
     symbols = {x: sympy.Dummy() for x in q}
     return gap.xreplace(symbols).diff(time).xreplace({dummy: x for x, dummy in symbols.items()})
 
@@ -139,11 +144,11 @@ def friction_margin(contact: Contact, forces: Iterable[Any]) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class WrittenFriction:
-    """The friction of the contact `which`, as a `model` whose state has one more coordinate, the way.
+    """The friction of the contact with index `which`, as a `model` whose state has one more coordinate, the way.
 
     The way is 1 or -1, the direction of sliding, or 0 while the contact sticks. `moment` is a parameter of the model: a
-    short time, `SHORT` times the span of the run. `normal` is the expression of the normal force. `events` end sticking
-    and sliding; they reset the way and the velocities.
+    short time, `SHORT` times the duration of the run. `normal` is the expression of the normal force. `events` end
+    sticking and sliding; they reset the way and the velocities.
     """
 
     which: int
@@ -153,7 +158,7 @@ class WrittenFriction:
     events: tuple[Event, ...]
 
     def with_way(self, problem: Problem, way: int) -> Problem:
-        """Return a problem of the system as a problem of this model, with the initial value of the coordinate `way`."""
+        """Return a problem of the system as a problem of this model. The coordinate of the way starts at `way`."""
         indices = [self.model.layout.q.stop - 1, len(problem.y0)]
         y0 = np.insert(problem.y0, indices, [way, 0.0])
         largest = None if problem.largest is None else np.insert(problem.largest, indices, [1.0, 0.0])
@@ -162,7 +167,7 @@ class WrittenFriction:
         return replace(problem, model=self.model, y0=y0, largest=largest, parameters=parameters)
 
     def plain(self, y: FloatArray) -> FloatArray:
-        """Return states of the system, (2n,) or (2n, N): the states y of this model without the coordinate `way`."""
+        """Return states of the system, (2n,) or (2n, N): states y of this model without the way and its velocity."""
         return np.delete(y, [self.model.layout.q.stop - 1, self.model.layout.v.stop - 1], axis=0)
 
     def plain_at(self, path: Callable[[FloatArray], FloatArray], times: FloatArray) -> FloatArray:
@@ -177,10 +182,10 @@ class WrittenFriction:
 
 @lru_cache(maxsize=MODELS_KEPT)
 def written_friction(model: Model, which: int) -> WrittenFriction | None:
-    """Return a model of the contact with index `which`, closed, and the events that end its sticking and sliding.
+    """Return a model in which the contact with index `which` is closed and events end its sticking and sliding.
 
-    Return None unless the friction acts along a line, is not coupled to the gap, and its formulas are short. The mass
-    matrix, dgap/dq and dslip/dv must be constant, and the system must have no constraints and no inputs.
+    Return None unless the friction acts along a line, does not change the gap, and has short formulas. The mass matrix,
+    dgap/dq and dslip/dv must be constant, and the system must have no constraints and no inputs.
     """
     statement, contact = model.statement, model.statement.contacts[which]
     q, rates, mass = statement.coordinates, statement.velocities, coupling(statement)
@@ -203,7 +208,7 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
 
 
 def _written(model: Model, which: int, lines: list[Any], responses: list[Any]) -> WrittenFriction:
-    """Return the friction of the contact with index `which` as formulas.
+    """Return the friction of the contact with index `which` as formulas of the module's docstring.
 
     `lines` are W = dgap/dq and D = dslip/dv. `responses` are M^-1 W and M^-1 D, with the mass matrix M.
     """
@@ -263,8 +268,8 @@ def in_order(
 ) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
     """Return the occurrences of several events in order of time.
 
-    `times` (k,) and `states` (k, 2n) have one array for each event. The results are the times (N,), the index of the
-    event (N,), and the states (N, 2n) of all occurrences.
+    `times` and `states` have one array for each event: the times (k,) and states (k, 2n) of its k occurrences. The
+    results are the times (N,), the indices of the events (N,), and the states (N, 2n) of all N occurrences.
     """
     if len(times) == 1:
         return times[0], np.zeros(len(times[0]), dtype=np.intp), states[0]

@@ -20,20 +20,20 @@ from lagrange.trajectory.contact.stick_or_slide import DEPENDENT, OPEN, STICKING
 from lagrange.trajectory.trajectory import FloatArray
 
 TOUCHING = 1e-13
-"""A gap counts as zero below this fraction of the largest terms of any gap so far, which is far above rounding. The
-terms of all gaps are used, because balls that rest at coordinates of zero have no terms."""
+"""Largest size of a gap that counts as zero, as a fraction of the largest sum of magnitudes of a gap's terms so far. It
+is far above rounding. All gaps have this one scale, because the terms of a ball that rests at coordinate 0 vanish."""
 
 HELD = 1e-12
-"""Largest gap, relative to the terms of gaps, of a contact that counts as closed throughout a segment. It is larger
-than rounding because the states of this segment are not projected onto zero gaps."""
+"""Largest gap of a contact that counts as closed throughout a segment, on the same scale as `TOUCHING`. It is larger
+than `TOUCHING` because the states of this segment are not projected onto zero gaps."""
 
 RATE_NOISE = 1e-11
-"""A gap rate or slip counts as zero below this fraction of the largest terms of the contact's rates so far."""
+"""Largest gap rate or slip of a contact that counts as zero, as a fraction of the largest terms of its rates so far."""
 
 ROUND_OFF = 2.0**-50
-"""A velocity in a closed contact is rounding if its kinetic energy is below the square of this fraction times the
-largest kinetic energy. Impulses transmit such velocities from contact to contact. Tolerances relative to them would be
-far too small."""
+"""Threshold of a velocity in a closed contact, below which it counts as zero. The square of this number is the kinetic
+energy of the velocity, as a fraction of the largest kinetic energy so far. Impulses transmit such rounding errors from
+contact to contact. Tolerances of a run that are relative to them would be far too small."""
 
 MODELS_KEPT = 16
 """Largest number of models whose contact functions and modes are cached."""
@@ -45,10 +45,11 @@ at rest has no scale of its own, so this scale decides which of its rates count 
 
 @lru_cache(maxsize=MODELS_KEPT)
 def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any], list[float | None], list[Any]]:
-    """Return the coefficients of the contacts of a model. `parameters` (k,) are the values of its parameters.
+    """Return three lists of coefficients of a model's contacts, for the values `parameters` (k,) of its parameters.
 
-    They are the restitutions as expressions in the impact speed, their values (None if they depend on it), and the
-    pairs of static and kinetic friction. Raises StatementError for values out of range.
+    The lists have one entry for each contact: the restitution as an expression in the impact speed, its value (None if
+    it depends on the speed), and the static and the kinetic coefficient of friction. Raises StatementError for values
+    out of range.
     """
     values = dict(zip(model.statement.parameters, map(Float, parameters), strict=True))
     restitutions, frictions = [], []
@@ -71,9 +72,9 @@ def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any
 
 @lru_cache(maxsize=MODELS_KEPT)
 def _rows(model: Model) -> tuple[list[list[int]], list[int], NDArray[np.intp]]:
-    """Return the indices of the rows and of the row dgap/dt of each contact, and the contact of each row.
+    """Return the row indices of each contact, the index of its row dgap/dt, and the contact index of each row.
 
-    A row is a rate: dgap/dt or a slip. The results are `rows`, `normals` and `owners` of `Kinematics`.
+    A row is a rate of a contact: dgap/dt or a slip. The results are `rows`, `normals` and `owners` of `Kinematics`.
     """
     sizes = [1 + len(contact.slip) for contact in model.statement.contacts]
     normals = [sum(sizes[:i]) for i in range(len(sizes))]
@@ -87,8 +88,8 @@ class ContactState:
 
     A row is a rate: each contact has a row for dgap/dt, then one for each slip. `rates` (rows,) are the values.
     `directions` (rows, n) are the derivatives of the rates by the velocities, and `convective` (rows,) the derivatives
-    by time at zero acceleration. `terms` (rows,) are the largest terms of the rates so far. Gaps count as zero up to
-    `near`. `before` is the state with the same coordinates whose mass matrix is used, or None.
+    by time at zero acceleration. `terms` (rows,) are the largest sums of magnitudes of the rates' terms so far. Gaps
+    count as zero up to `near`. `before` is a state with the same coordinates, whose mass matrix is used, or None.
     """
 
     kinematics: Kinematics
@@ -115,7 +116,10 @@ class ContactState:
 
     @property
     def responses(self) -> FloatArray:
-        """Accelerations by a unit force along each row, under the stated constraints, (n, rows)."""
+        """Accelerations (n, rows) that a unit force along each row causes, under the stated constraints.
+
+        A row is a gap or a slip, and a force along it acts in the direction of its gradient.
+        """
         return self._inertia[0]
 
     @property
@@ -125,11 +129,17 @@ class ContactState:
 
     @cached_property
     def compliance(self) -> FloatArray:
-        """Change of each rate that a unit force (or impulse) along each row causes, (rows, rows)."""
+        """Accelerations (rows, rows) of gaps and slips: entry (i, j) is that of row i by a unit force along row j.
+
+        For unit impulses the entries are changes of gap rates and slips.
+        """
         return self.directions @ self.responses
 
     def least_motion(self, rows: Sequence[int], changes: ArrayLike) -> FloatArray:
-        """Return the velocities (n,), least by the kinetic energy, that change the rates `rows` by `changes` (k,)."""
+        """Return the velocities (n,) of least kinetic energy that change gap rates and slips by given amounts.
+
+        `changes` (k,) are the changes of the rates with the indices `rows`.
+        """
         square, right = self.compliance[np.ix_(rows, rows)], np.asarray(changes)
         return np.asarray(self.responses[:, rows] @ np.linalg.lstsq(square, right, rcond=DEPENDENT)[0])
 
@@ -179,7 +189,7 @@ class Kinematics:
         self._restitution, self.restitutions, self._friction = _coefficients(model, tuple(parameters.tolist()))
 
     def gaps(self, times: FloatArray, states: FloatArray) -> tuple[FloatArray, float]:
-        """Return the gaps (k, N) at times (N,) and states (2n, N), and the size up to which they are zero."""
+        """Return the gaps (k, N) at times (N,) and states (2n, N), and the size up to which a gap counts as zero."""
         gaps = self._gaps.at_times(times, states, self.parameters)
         return gaps, TOUCHING * max(self._lengths, float(np.abs(gaps).max()))
 
@@ -201,8 +211,8 @@ class Kinematics:
     def at(self, t: float, y: FloatArray, before: ContactState | None = None) -> ContactState:
         """Return the contacts at a state y (2n,), an array that is not changed afterwards.
 
-        With `before`, the contacts at a state with the same coordinates up to rounding, that state's mass matrix is
-        used again.
+        `before` may be the contacts at a state with the same coordinates up to rounding. The mass matrix of that state
+        is then used again.
         """
         k, rows = len(self.contacts), len(self._terms)
         values = self._contacts(t, y, self.parameters)
@@ -231,7 +241,10 @@ class Kinematics:
             return np.asarray(np.linalg.lstsq(mass, directions.T)[0]), noise
 
     def held_rows(self, states: Sequence[str]) -> list[int]:
-        """Return the indices of the rows that are zero in these `states`: rates of closed gaps, slips that stick."""
+        """Return the indices of the rows that are zero: gap rates of closed contacts, and slips of sticking contacts.
+
+        `states` are the states of the contacts, such as "open".
+        """
         pairs = zip(self.rows, states, strict=True)
         return [row for mine, state in pairs if state != OPEN for row in (mine if state == STICKING else mine[:1])]
 
@@ -246,7 +259,7 @@ class Kinematics:
         return y
 
     def stated_directions(self, t: float, y: FloatArray) -> FloatArray:
-        """Return the gradients (m, n) of the stated constraints by the velocities."""
+        """Return the gradients (m, n) of the system's stated constraints by the velocities, at a state y (2n,)."""
         n = self.model.dimension
         if not self.model.statement.constraints:
             return np.empty((0, n))

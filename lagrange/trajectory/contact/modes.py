@@ -33,8 +33,9 @@ from lagrange.trajectory.integrator import Problem
 class ModeEnd(NamedTuple):
     """The contacts (indices) whose events end a mode, by the kind of the event.
 
-    The gap of `closing` contacts becomes zero, the normal force of `opening` ones, or the slip of `stopping` ones. The
-    friction force of `yielding` contacts, which stick, reaches the largest size that static friction allows.
+    The gap of `closing` contacts becomes zero. The normal force of `opening` contacts becomes zero, and so does the
+    slip of `stopping` contacts. The friction force of `yielding` contacts, which stick, reaches the largest size that
+    static friction allows.
     """
 
     closing: tuple[int, ...] = ()
@@ -44,16 +45,16 @@ class ModeEnd(NamedTuple):
 
 
 CLOSING, OPENING, STOPPING, YIELDING = ModeEnd._fields
-"""Kinds of events that end a mode."""
+"""Names of the kinds of events that end a mode. They are the fields of `ModeEnd`, which explains them."""
 
 SLOWEST = 1e-12
-"""Slip in a plane, as a fraction of the largest so far, that counts as zero, because its direction is not smooth there.
-`rtol` is used if it is larger: steps pass over a slip that is smaller than their errors, and reverse it again and
-again. An impulse removes the rest of the slip."""
+"""Largest slip in a plane that counts as zero, as a fraction of the largest terms of slips so far. Near zero the
+direction of a slip is not smooth. `rtol` is used if it is larger: steps pass over a slip that is smaller than their
+errors, and reverse it again and again. An impulse removes a slip that counts as zero."""
 
 EVENTS_KEPT = 8
-"""Largest number of compiled modes in the cache for each model of a mode. A mode is compiled anew for another list of
-the user's events. With the same list, runs use the same drivers."""
+"""Largest mean number of compiled modes in the cache for each model of a mode. A mode is compiled again for each list
+of the user's events. Runs with the same list use the same compiled code."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,8 @@ class Mode:
 
     `ways` has the direction of each contact that slides along a line, 1 or -1. `independent` are the indices of
     independent constraints, or None if all are. `bouncing` are the contacts that count as closed while their impacts
-    accumulate. `slowest` is the slip in a plane up to which a contact counts as sticking. If `immobile`, nothing can
-    move: contacts that would slide by their forces are at rest.
+    accumulate. `slowest` is the slip in a plane up to which a contact counts as sticking. If `immobile` is True, the
+    constraints leave nothing that can move: also the contacts with the state "sliding" are at rest.
     """
 
     states: tuple[str, ...]
@@ -80,7 +81,10 @@ class Mode:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The states for results: "sticking" instead of "sliding" if `immobile`, and "open" for `bouncing` contacts."""
+        """The states of the contacts that results report. They are "open" for contacts in `bouncing`.
+
+        If `immobile` is True, "sliding" is reported as "sticking".
+        """
         states = (STICKING if self.immobile and state == SLIDING else state for state in self.states)
         return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(states))
 
@@ -95,9 +99,9 @@ class Mode:
 class PreparedMode:
     """A compiled mode: its `model`, and its `events`, which begin with the events of the user.
 
-    The events that end the mode follow, at the indices `mode_events`; `ends` has the index of the contact and the kind
-    of each. With `friction` the last events are the changes between sliding and sticking, which the compiled loop
-    handles.
+    The events that end the mode follow, at the indices `mode_events`. `ends` has the index of the contact and the kind
+    of each of these. If `friction` is given, the last events are the changes between sliding and sticking, which the
+    compiled loop over steps handles.
     """
 
     model: Model
@@ -123,7 +127,10 @@ class Modes:
         self._prepared: dict[tuple[Any, ...], PreparedMode] = {}
 
     def friction(self, mode: Mode) -> WrittenFriction | None:
-        """Return a model in which the friction of the only closed contact is resets of events, or None."""
+        """Return a model in which events reset the only closed contact between sliding and sticking, or None.
+
+        None means that the mode has no such contact, or that the formulas of its friction cannot be written out.
+        """
         closed = mode.closed
         if len(closed) != 1 or mode.states[closed[0]] == CLOSED or mode.bouncing or mode.independent is not None:
             return None
@@ -164,7 +171,7 @@ class Modes:
         return self._prepared[key]
 
     def without_time(self, expressions: Iterable[Any]) -> bool:
-        """Return True if expressions depend on time through coordinates and velocities only."""
+        """Return True if no expression contains the time, except as the argument of coordinates and velocities."""
         stated = self.model.statement
         rates, positions = ({x: sympy.Dummy() for x in symbols} for symbols in (stated.velocities, stated.coordinates))
         return not any(expression.xreplace(rates).xreplace(positions).has(time) for expression in expressions)
@@ -172,8 +179,8 @@ class Modes:
     def leaves_no_freedom(self, mode: Mode, count: int) -> bool:
         """Return True if `count` independent constraints of a mode allow no motion: all bodies stay at rest forever.
 
-        The accelerations that an integrator would follow are then only rounding errors. Nothing depends on time, and
-        the constraints in velocities hold at rest; on a moving belt they do not.
+        The accelerations that an integrator would follow are then only rounding errors. The result is False if anything
+        depends on time explicitly, or if a constraint on velocities does not hold at rest, as on a moving belt.
         """
         stated = self.model.statement
         if count < self.model.dimension or not self._is_timeless:
@@ -192,14 +199,14 @@ class Modes:
 
     @cached_property
     def _is_timeless(self) -> bool:
-        """True if neither the system nor a contact depends on time explicitly."""
+        """True if no energy, force, constraint or contact of the system depends on time explicitly."""
         stated = self.model.statement
         relations = (constraint.expression for constraint in stated.constraints)
         surfaces = (part for contact in self.contacts for part in (contact.gap, *contact.slip))
         return self.without_time((stated.lagrangian, stated.dissipation, *stated.forces, *relations, *surfaces))
 
     def model_of(self, mode: Mode) -> Model:
-        """Return the compiled model of a mode."""
+        """Return the model of a mode, in which closed contacts are constraints and friction forces. It is cached."""
         plain = replace(mode, bouncing=(), slowest=0.0, immobile=False)
         if plain not in self._models:
             stated = mode_statement(self.model.statement, mode)
@@ -208,7 +215,7 @@ class Modes:
 
 
 modes_of = lru_cache(maxsize=MODELS_KEPT)(Modes)
-"""Returns the modes of a model, which are cached."""
+"""Function that returns the `Modes` of a model with contacts. The modes of the last models are cached."""
 
 
 def mode_statement(statement: Statement, mode: Mode) -> Statement:
@@ -252,9 +259,10 @@ def _ends(contacts: Sequence[Contact], mode: Mode) -> list[tuple[Event, tuple[in
 
 
 def _present(event: Event, absent: dict[Any, Any]) -> Event:
-    """Return an event in whose expression the normal forces of open contacts are replaced by zero.
+    """Return an event in whose expression some normal forces are replaced, those of open contacts by zero.
 
-    `absent` maps the symbols of these forces to zero. If the expression is then constant, the event never occurs.
+    `absent` maps the symbols of these forces to their values. If the expression becomes constant, the event never
+    occurs.
     """
     zero = event.expression.xreplace(absent)
     if zero == event.expression:

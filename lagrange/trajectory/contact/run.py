@@ -41,11 +41,12 @@ from lagrange.trajectory.segments import (
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, with_fields
 
 SMALLEST_BOUNCE = 1e-7
-"""Speed of an impact, relative to the largest of a series of decreasing impacts, below which the rest of the series is
-summed. The height of the omitted bounces is 1e-14 of the first. Times of flight then have 8 digits."""
+"""Speed of an impact, as a fraction of the largest in a series of ever weaker impacts, below which the infinitely many
+further impacts are replaced by the time of their end. The height of the omitted bounces is 1e-14 of the first. Times of
+flight then have 8 digits."""
 
 FEWEST_FLIGHTS = 3
-"""Smallest number of flights, each shorter than the one before, that count as an accumulation."""
+"""Smallest number of successive flights, each shorter than the one before, that count as accumulating impacts."""
 
 UNKNOWN_IMPACTS, ELASTIC_IMPACTS = 16, 2**16
 """Largest number of impacts in one call of a compiled loop. The first is for a restitution that depends on the speed,
@@ -53,9 +54,9 @@ the second for impacts without loss of energy."""
 
 
 class Bounces:
-    """The present series of impacts with ever shorter flights between them.
+    """The present series of impacts in a run with ever shorter flights between them. It detects an accumulation.
 
-    `contacts` has for each of the last `FEWEST_FLIGHTS` impacts the set of the contacts that take part in it.
+    `contacts` has for each of the last `FEWEST_FLIGHTS` impacts the set of the contacts (indices) that take part in it.
     """
 
     def __init__(self) -> None:
@@ -63,7 +64,7 @@ class Bounces:
         self.contacts: list[frozenset[int]] = []
 
     def add(self, times: Any, speeds: Any, contacts: Sequence[frozenset[int]]) -> None:
-        """Add impacts with `times` and `speeds` (k,), and the contacts that take part in the last of them."""
+        """Add k impacts with `times` and `speeds` (k,). `contacts` has the sets of contacts of the last of them."""
         self._added.append((times, speeds))
         self.contacts = [*self.contacts, *contacts][-FEWEST_FLIGHTS:]
 
@@ -79,8 +80,9 @@ class Bounces:
     def most(self, restitutions: Sequence[float | None]) -> int:
         """Return the number of impacts that a compiled loop may handle before the run tests for an accumulation.
 
-        `restitutions` are None if they depend on the speed. After this number of impacts the speed of a bouncing ball
-        has decreased to about `SMALLEST_BOUNCE` of the largest speed in the series.
+        `restitutions` has the restitution of each contact, or None if it depends on the speed. After the returned
+        number of impacts the speed of a bouncing ball has decreased to about `SMALLEST_BOUNCE` of the largest in the
+        series.
         """
         constants = [e for e in restitutions if e is not None and e > 0]
         weakest = min(constants, default=1.0)
@@ -92,7 +94,7 @@ class Bounces:
 
     @property
     def limit(self) -> float | None:
-        """Time at which the impacts accumulate, if all further flights shorten by the ratio of the last two.
+        """Time at which infinitely many impacts end, if each further flight shortens by the ratio of the last two.
 
         It is None after fewer than `FEWEST_FLIGHTS` flights, or if the last flight is not shorter than the one before.
         """
@@ -116,38 +118,40 @@ class Bounces:
 
 
 RECENT, HURRIED = 100, 1e-4
-"""Test whether frequent changes of the mode are the reason that a run reached one of its limits. The first number is
-the number of last changes that are examined. The second is their largest mean distance in time, as a fraction of the
-span."""
+"""Test whether too frequent changes of the mode are the reason that a run reached its limit of steps or time. The first
+number is the number of last changes that are examined. The second is the largest mean time between them, as a fraction
+of the duration of the run, that counts as too frequent."""
 
 SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
-"""Test for missed impacts: smallest number of times in a segment at which open gaps are tested, and overlap that shows
-a missed impact. The overlap is relative to the terms of the gap. If the third number times `rtol` is larger, it is used
-in place of the second."""
+"""Numbers of the test for missed impacts: the smallest number of times in a segment at which open gaps are tested, and
+the overlap of bodies, as a fraction of the gap's terms, above which an impact was missed. This fraction is at least the
+third number times `rtol`."""
 
 NEARBY = 2.0**-16
-"""Length of the interval at the end of a segment over which the time derivative of an event function is approximated by
-a difference, as a fraction of the segment."""
+"""Length of an interval at the end of a segment, as a fraction of the segment. The change of an event function over it
+gives the function's time derivative."""
 
 STEPS_OUTSIDE, SHORTEST_STEP = 60, 1e-12
-"""Search for the nearest start outside of all bodies, for an error message: the number of steps for each gap, and the
-change of an entry below which a full step is taken."""
+"""Numbers of the search for the nearest start outside of all bodies, for an error message: the number of Newton steps
+for each gap, and the change of every entry of the state below which the whole step is taken. Larger steps are
+halved."""
 
 MOST_AT_ONCE = 32
 """Largest number of changes of the mode at one instant. After this number the run ends, and the message names the
 contacts."""
 
 SHORTEST_REST = 2.0**-36
-"""Shortest remaining time of impacts that accumulate, relative to the present time, for which results report the
-contact as open until the impacts end. With a shorter one the contact is reported as closed at once."""
+"""Shortest time from now to the end of accumulating impacts, as a fraction of the present time, for which results
+report the contact as open until that end. With a shorter time the contact is reported as closed at once."""
 
 TYPED, EARLY, EARLY_FALL = 1e-8, 1e-7, 1e-6
-"""Largest overlap of bodies at the start that counts as rounding. It is the first number times the terms of the gaps.
-If that is larger, it is the change of the gap early in the run: by its rate during the second fraction of the run, and
-by its acceleration during the third fraction."""
+"""Numbers for the largest overlap of bodies at the start that counts as rounding. One limit is the first number times
+the terms of the gaps. The other is the change of the gap early in the run: by its rate during the second fraction of
+the run, plus by its acceleration during the third fraction. The larger limit holds."""
 
 FAILED = (Status.UNRELIABLE, Status.NON_FINITE, Status.SINGULAR, Status.STEP_TOO_SMALL, Status.DIVERGED)
-"""Statuses after which a segment is run again, with a check of each impact and each change of the mode."""
+"""Statuses of a segment after which it is run again without impacts and changes of the mode inside compiled code. Each
+of them is then checked."""
 
 
 def run_through_contacts(
@@ -165,11 +169,12 @@ def run_through_contacts(
 
 
 class _ContactRun:
-    """A run in progress: its `parts`, and its `modes_so_far`, which begin at times `begins`.
+    """A run through contacts in progress: the trajectories `parts` of its segments so far, and their modes.
 
-    `prepared` is the compiled mode of the last segment, and `part` its trajectory. `end_state` (2n,) is the state at
-    the end of the segment before resets, or None without resets. `fired` are the contacts whose events ended the
-    segment: pairs of contact index and kind of event. `rest_time` is the time at which the present impacts accumulate.
+    `modes_so_far` are the modes, which begin at the times `begins`. `prepared` is the compiled mode of the last
+    segment, and `part` its trajectory. `end_state` (2n,) is the state at the end of the segment before resets, or None
+    without resets. `fired` are the contacts whose events ended the segment: pairs of contact index and kind of event.
+    `rest_time` is the time at which the present accumulating impacts end, or infinity.
     """
 
     prepared: PreparedMode
@@ -237,10 +242,10 @@ class _ContactRun:
         return with_fields(run, contacts=history)
 
     def _limit(self, end: float, mode: Mode, following: Mode) -> tuple[Status, str] | None:
-        """Return the status and the cause for a run that reached a limit between two modes, else None.
+        """Return the status of a run that reached a limit between two modes and a sentence on the cause, else None.
 
-        The limits are for the number of steps, the wall time, and the number of changes at one instant. At the time
-        `end` the mode changes to `following`.
+        There are limits of the number of steps, the wall time, and the number of changes at one instant. At the time
+        `end` the mode changes from `mode` to `following`. The sentence may be "".
         """
         problem, begins = self.problem, self.begins
         if sum(part.steps + part.rejected for part in self.parts) + len(self.parts) >= problem.max_steps:
@@ -332,7 +337,10 @@ class _ContactRun:
         return changes
 
     def _verified(self, part: Trajectory, mode: Mode) -> Trajectory:
-        """Return a segment in `mode`, with the status UNRELIABLE if bodies overlap because an impact was missed."""
+        """Return the segment `part`, which was run in `mode`, with the status UNRELIABLE if it missed an impact.
+
+        The test is that the gaps of open contacts are not negative.
+        """
         open_contacts = [i for i, state in enumerate(mode.states) if state == OPEN]
         if not open_contacts or not part.status.complete:
             return part
@@ -357,8 +365,9 @@ class _ContactRun:
     def _passed_changes(self, friction: WrittenFriction, mode: Mode) -> list[tuple[float, Mode]] | None:
         """Return pairs (time, mode after it) of the changes between sliding and sticking in the last segment, or None.
 
-        None means that the segment must be run again without compiled changes: a step failed, or rounding opened a gap
-        or began a slip.
+        None means that the segment must be run again without such changes inside compiled code: a step failed, or
+        rounding opened a gap or began a slip. `friction` has the formulas of the changes, and `mode` is the mode at the
+        start of the segment.
         """
         segment, last = self.part, last_state(self.part)
         if segment.status in FAILED:
@@ -376,7 +385,8 @@ class _ContactRun:
     def _passed_impacts(self, written: WrittenImpacts) -> bool:
         """Record the impacts inside the last segment. Return False if it must be run again without compiled impacts.
 
-        This is so if a step failed, or if another gap is closed at an impact. `written` has formulas of the impacts.
+        It must if a step failed, or if the gap of another contact is zero at an impact. `written` has formulas of the
+        impacts.
         """
         segment, users, end = self.part, len(self.problem.events), self.part.span[1]
         if segment.status in FAILED:
@@ -430,7 +440,7 @@ class _ContactRun:
         self.part = part if friction is None else friction.plain_run(part)
 
     def _after(self, mode: Mode) -> Transition:
-        """Return the state and the mode after the last segment, which ended in `mode`, and after impacts at its end.
+        """Return the transition after the last segment, which ended in `mode`: impacts, then a new state and mode.
 
         Contacts with accumulating impacts stay closed, but results report them as open until these impacts have ended.
         """
@@ -482,9 +492,10 @@ class _ContactRun:
         return kin.at(problem.t0, kin.closed(touch, inside))
 
     def _nearest(self) -> str:
-        """Return a sentence with the start, nearest by the metric of the kinetic energy, at which no gap is negative.
+        """Return a sentence, for an error message, with the nearest start at which no gap is negative.
 
-        Gaps become closed one after the other, the deepest first; each step of the search has their tangents.
+        Distances are measured by the kinetic energy. The search closes one gap after the other, the deepest first, by
+        Newton steps for all gaps that it has closed.
         """
         problem, kin, layout = self.problem, self.kinematics, self.problem.model.layout
         y, active = problem.y0, list[int]()
@@ -511,7 +522,10 @@ class _ContactRun:
         return f"The nearest start outside has {moved}."
 
     def _note(self) -> str:
-        """Return sentences on impacts that accumulate and on contacts that depend on each other, or ""."""
+        """Return sentences for the run's message on impacts that accumulate, and on contacts that depend on each other.
+
+        Without such impacts and contacts the result is "".
+        """
         sentences = []
         for contact, times in zip(self.contacts, self.rests, strict=True):
             if times:

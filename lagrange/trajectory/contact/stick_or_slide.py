@@ -27,25 +27,28 @@ OPEN, CLOSED, SLIDING, STICKING = "open", "closed", "sliding", "sticking"
 """
 
 NOISE = 1e-10
-"""Forces and rates are zero below this fraction of their terms, for mass matrices with condition numbers up to 1e5."""
+"""Largest force or rate that counts as zero, as a fraction of its terms. It fits mass matrices with condition numbers
+up to 1e5."""
 
 DEPENDENT = 1e-12
-"""Singular values below this fraction of the largest mark dependent equations."""
+"""Largest singular value that counts as zero where forces are computed, as a fraction of the largest singular value."""
 
 SHARED = 1e-6
-"""Forces of two solutions with the same rates that differ by more than this fraction of the largest are not unique."""
+"""Largest difference of a force between two solutions with the same rates, as a fraction of the larger solution. With a
+larger difference the force is not unique."""
 
 MOST_CASES = 1024
-"""Largest number of combinations of contact states (open, closed, sliding, sticking) that are all tried. If there are
-more, pivoting finds one solution."""
+"""Largest number of combinations of contact states (open, closed, sliding, sticking) that are all tried. For more
+combinations, Lemke's method of pivoting finds one solution."""
 
 TURNS, LEAST_TURN = 300, 2.0**-12
 """Largest number of iterations for the direction in which a body begins to slide in a plane, and smallest relaxation
-factor. The factor is halved if a direction overshoots, as with many contacts or near the edge of the friction cone."""
+factor of their steps. The factor is halved if a step overshoots, as with many contacts or near the edge of the friction
+cone."""
 
 TURNS_BETWEEN = 20
-"""Number of iterations between tests for an early end. The iteration ends if some combinations of contact states obey
-all laws of contact, and all of these have converged."""
+"""Number of iterations for directions of sliding between two tests for an early end. The iteration ends if at least one
+combination of contact states obeys all laws of contact, and all such combinations have converged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +98,12 @@ class Balance:
 def solutions(
     matrix: FloatArray, free: FloatArray, contacts: Sequence[Friction], machine: Machine | None = None
 ) -> list[Balance]:
-    """Return the solutions of the complementarity problem, beginning with solutions in which surfaces stick.
+    """Return the solutions of the complementarity problem of some contacts, the ones with the fewest sliding first.
 
-    `matrix` (rows, rows) is A, and `free` (rows,) are the rates b without forces. All combinations of states are tried;
-    if these are too many, pivoting finds one solution, by `lemke` compiled for a machine, or as plain Python. Of
-    solutions with the same rates, only the one with the least forces is returned. Surfaces at rest stay so if they can.
-    The list is empty if there is no solution.
+    `matrix` (rows, rows) is A, and `free` (rows,) are the rates b without forces. All combinations of contact states
+    are tried. If these are too many, Lemke's method finds one solution; `machine` compiles it, or it is plain Python if
+    None. Of solutions with the same rates, only the one with the least forces is returned. Surfaces at rest stay so if
+    they can. The list is empty if there is no solution.
     """
     rows, cases = _Rows(contacts), [contact.cases() for contact in contacts]
     if math.prod(map(len, cases)) > MOST_CASES:
@@ -125,7 +128,7 @@ def solutions(
 def _noise(matrix: FloatArray, free: FloatArray, forces: FloatArray) -> FloatArray:
     """Return the sizes (..., rows) below which the rates A f + b count as zero, because they are rounding errors.
 
-    `matrix` is A, `free` is b, and `forces` (..., rows) are f.
+    `matrix` (rows, rows) is A, `free` (rows,) is b, and `forces` (..., rows) are f.
     """
     return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(free) + np.abs(free).max(initial=0.0)))
 
@@ -134,9 +137,8 @@ def _displaces(balance: Balance, other: Balance, rows: _Rows) -> bool:
     """Return True if the solution `balance` excludes the solution `other`.
 
     By Coulomb's law a surface at rest slides only if no force in its friction cone holds it. So `other` is excluded if
-    a surface slides in it that `balance` holds at rest. All surfaces that stick in `other` must stick in `balance`. Any
-    other difference, such as a contact that opens, must follow from the slip: kinetic friction could not exert the
-    force that holds the surface.
+    a surface slides in `other` that `balance` holds at rest, and if all surfaces that stick in `other` stick in
+    `balance`. The states of further contacts may differ only if kinetic friction is too weak to hold the surface.
     """
     states, other_states = np.array(balance.states), np.array(other.states)
     held = (states == STICKING) & (other_states == SLIDING)
@@ -150,10 +152,10 @@ def _displaces(balance: Balance, other: Balance, rows: _Rows) -> bool:
 class _Rows:
     """The rows of the complementarity problem of k contacts: a normal row for each contact, then its friction rows.
 
-    `contact` (rows,) is the index of the contact of each row. `along` (rows,) is True for friction rows. `normals` (k,)
-    are the indices of the normal rows. `members` (rows, k) is True for the friction rows of each contact. `static` and
-    `kinetic` (k,) are coefficients of friction. `slides` (k,) is True for contacts that slide already, and `ways`
-    (rows,) are their directions of sliding.
+    A row is a component of the contact force, and the rate along it. `contact` (rows,) is the index of the contact of
+    each row. `along` (rows,) is True for friction rows. `normals` (k,) are the indices of the normal rows. `members`
+    (rows, k) is True for the friction rows of each contact. `static` and `kinetic` (k,) are coefficients of friction.
+    `slides` (k,) is True for contacts that slide already, and `ways` (rows,) are their directions of sliding.
     """
 
     def __init__(self, contacts: Sequence[Friction]) -> None:
@@ -169,13 +171,17 @@ class _Rows:
         self.ways = np.concatenate([np.append(0.0, way) for way in ways])
 
     def moving(self, ways: FloatArray) -> NDArray[np.bool_]:
-        """Return a mask (C, rows) of the rows of contacts whose directions in `ways` (C, rows) are not zero."""
+        """Return a mask (C, rows): True for all rows of the contacts whose directions of sliding are not zero.
+
+        `ways` (C, rows) has these directions, for each of C combinations of contact states.
+        """
         return np.asarray(((ways != 0) @ self.members)[:, self.contact])
 
     def directions(self, values: FloatArray) -> FloatArray:
-        """Return unit vectors (C, rows) along the friction components of `values` (C, rows), one for each contact.
+        """Return the direction of the friction components of `values` (C, rows), a unit vector for each contact.
 
-        C is the number of combinations of contact states. Normal rows are zero, and rows whose vector is zero.
+        The result is (C, rows), with C combinations of contact states. It is zero in normal rows, and for contacts
+        whose friction components are zero.
         """
         sizes = np.sqrt((values**2) @ self.members)[:, self.contact]
         return np.where(self.along & (sizes > 0), values / np.where(sizes > 0, sizes, 1.0), 0.0)
@@ -232,11 +238,11 @@ def _balances(
 def _forces(
     matrix: FloatArray, free: FloatArray, rows: _Rows, states: NDArray[np.str_], ways: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return forces and rates (C, rows) for C combinations of contact states, and a mask (C,).
+    """Return forces and rates (C, rows) for C combinations of contact states, and a mask (C,) of the solvable ones.
 
-    `matrix` (rows, rows) is A, and `free` (rows,) is b. The mask is True for combinations with a solution. `states` is
-    (C, k), and `ways` (C, rows) are the directions of sliding. Rates are zero where contacts are closed or stick. If
-    contacts depend on each other, the forces are not unique; the shortest force vector is returned.
+    `matrix` (rows, rows) is A, and `free` (rows,) is b. `states` (C, k) are the states of the contacts, and `ways`
+    (C, rows) their directions of sliding. The rates of closed gaps, and of slips that stick, are zero. If contacts
+    depend on each other, the forces are not unique; the shortest force vector is returned.
     """
     contact_states = states[:, rows.contact]
     active = np.where(rows.along, contact_states == STICKING, contact_states != OPEN)
@@ -258,10 +264,11 @@ def _forces(
 def _obeys(
     rows: _Rows, states: NDArray[np.str_], ways: FloatArray, forces: FloatArray, rates: FloatArray, noise: FloatArray
 ) -> NDArray[np.bool_]:
-    """Return a mask (C,) of the combinations of contact states that obey the laws of contact. C is their number.
+    """Return a mask (C,): True for the combinations of contact states that obey the laws of contact.
 
-    Forces push, rates separate, and friction forces are in their cones. `states` (C, k) are the states of the contacts.
-    `ways`, the directions of sliding, `forces`, `rates` and `noise`, the errors of rates, are (C, rows).
+    By these laws normal forces push, gap rates are not negative, and friction forces lie in their cones. `states`
+    (C, k) are the states of the contacts. `ways` are the directions of sliding, and `noise` the errors of the `rates`.
+    These two, `forces` and `rates` are (C, rows).
     """
     weak = NOISE * np.abs(forces).max(axis=1, keepdims=True)
     push, apart = forces[:, rows.normals], rates[:, rows.normals]

@@ -31,20 +31,22 @@ from lagrange.trajectory.contact.stick_or_slide import OPEN, SLIDING, Balance, F
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_IN_SEQUENCE = 500
-"""Largest number of impacts in a sequence at one instant. After them, one impact without restitution stops all gaps
-that still close."""
+"""Largest number of impacts, one after the other, at one instant. After them, one impact without restitution stops all
+gaps that still become smaller."""
 
 IMPACT_NOISE = 1e-13
-"""A gap rate after an impact is rounding if it is below this fraction of the speed of the impact."""
+"""Largest gap rate after an impact that counts as zero, as a fraction of the largest speed of the impact."""
 
 UNCOUPLED = 1e-12
-"""Two contacts are uncoupled if the response of one to the other is below this fraction of the largest response."""
+"""Largest change of one contact's rate by a unit impulse at another contact, as a fraction of the largest change of any
+rate, up to which the two contacts do not affect each other."""
 
 SMALLEST_GAP = 64 * 2.0**-52
-"""A contact whose gap would remain below this fraction of its terms does not open: its closing is not detectable."""
+"""Largest height of a gap between opening and closing, as a fraction of the gap's terms, at which the contact stays
+closed instead. The end of so low a flight cannot be detected."""
 
 LONGEST_REGION = 120
-"""Largest number of characters of the condition of Painleve's paradox in a message."""
+"""Largest number of characters of the formula in a message that says where Painleve's paradox occurs."""
 
 
 class Undetermined(RunError):
@@ -71,8 +73,9 @@ class Transition:
 class _Rest(NamedTuple):
     """Contacts after the impacts of a transition, at the state of `touch`, by their indices.
 
-    `resting` contacts have zero gap and zero gap rate, and `near` contacts have zero gap. `end` is the end of the mode
-    before the transition. `ways` maps contacts that begin to slide to a direction (components,).
+    `resting` contacts have zero gap and zero gap rate, and `near` contacts have zero gap. `end` has the contacts whose
+    events ended the mode before the transition. `ways` maps contacts that begin to slide to their directions
+    (components,).
     """
 
     touch: ContactState
@@ -83,7 +86,10 @@ class _Rest(NamedTuple):
 
 
 class Transitions:
-    """Computes the state and the mode after a mode has ended. `shared` is a note on contacts that share forces."""
+    """Computes the state and the mode that follow after a mode has ended.
+
+    `shared` is a sentence for the run's message if the forces of some contacts were not unique, else "".
+    """
 
     def __init__(self, modes: Modes, kinematics: Kinematics, span: float, rtol: float) -> None:
         self.modes, self.kinematics = modes, kinematics
@@ -196,7 +202,7 @@ class Transitions:
         return [i for i in contacts if rates[normals[i]] < -touch.noise[normals[i]]]
 
     def _check_law_of_impacts(self, touch: ContactState, touching: Sequence[int]) -> None:
-        """Raise `Undetermined` if colliding contacts affect each other, and the system states no law for this case.
+        """Raise `Undetermined` if touching contacts affect each other at an impact, and no law is stated for this case.
 
         `touching` are the indices of the contacts with zero gap, and `touch` has all contacts at the state of the
         impact.
@@ -245,11 +251,12 @@ class Transitions:
     def _balance(
         self, touch: ContactState, laws: dict[int, Friction], free_rates: FloatArray, what: str
     ) -> tuple[list[int], Balance]:
-        """Return the forces of the contacts at rest in `touch`, or their impulses in an impact, and the row of each.
+        """Return the row indices of some contacts, and their forces at rest, or their impulses, as a `Balance`.
 
-        `laws` has the friction of each contact by index. `free_rates` (rows,) are the accelerations of gaps and slips
-        without these forces, or their rates after an impact without these impulses. Raises `Undetermined` unless there
-        is exactly one solution; `what` is "motion" or "impact" in its message.
+        `laws` maps the indices of the contacts to their friction. `free_rates` (rows,) are the accelerations of gaps
+        and slips without these forces, or the rates after an impact without these impulses. `what` is "motion" for
+        forces and "impact" for impulses. Raises `Undetermined`, with `what` in the message, unless there is exactly one
+        solution.
         """
         kin = self.kinematics
         rows = [row for i, law in laws.items() for row in kin.rows[i][: 1 + law.components]]
@@ -319,9 +326,9 @@ class Transitions:
         return max(self._slowest, noise) if len(along) > 1 else noise
 
     def _with_constraints(self, touch: ContactState, mode: Mode) -> Mode:
-        """Return a `mode` with the indices of its `independent` constraints, and `immobile` if they leave no freedom.
+        """Return `mode` with its fields `independent` and `immobile`, from the constraints at the state of `touch`.
 
-        The constraints are tested at the state of the contacts `touch`.
+        `independent` has the indices of independent constraints. `immobile` is True if they allow no motion.
         """
         kin, independent = self.kinematics, None
         held = kin.held_rows(mode.states)
@@ -333,11 +340,12 @@ class Transitions:
         return replace(mode, independent=independent, immobile=immobile)
 
     def _projected(self, touch: ContactState, mode: Mode, starts: dict[int, float], near: Sequence[int]) -> FloatArray:
-        """Return the state of `touch` (2n,) changed to satisfy the constraints of a mode: closed gaps, and no slips.
+        """Return the nearest state (2n,) to that of `touch` that satisfies the constraints of a mode.
 
-        The change is the least, measured by the kinetic energy. Velocities that are rounding become zero. `starts` maps
-        rows of gap rates and slips that begin to grow to small values, so that rounding of the accelerations does not
-        end the growth at once. The gaps of the contacts `near` (indices) do not change if they stay open.
+        Gaps of closed contacts become zero, and so do slips of sticking contacts. Distances are measured by the kinetic
+        energy. Velocities that are rounding become zero. `starts` maps the rows of gap rates and slips that begin to
+        grow to small values, so that rounding of the accelerations does not end the growth at once. The gaps of the
+        contacts `near` (indices) do not change if they stay open.
         """
         y, held = touch.y, self.kinematics.held_rows(mode.states)
         if any(touch.gaps[i] for i in mode.closed):
@@ -388,7 +396,7 @@ def _undetermined(kin: Kinematics, touch: ContactState, contacts: Sequence[int],
 
 
 def _region(model: Model, which: int, way: int) -> str:
-    """Return, as text, the acceleration of a gap due to a unit normal force and the sliding friction that it causes.
+    """Return the formula, as text, of a gap's acceleration by a unit normal force and the sliding friction with it.
 
     The contact with index `which` slides in the direction `way`, 1 or -1. Where this acceleration is not positive, a
     normal force does not open the gap. The text is "" if it is too long, or if the system has constraints.

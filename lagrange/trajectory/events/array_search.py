@@ -1,4 +1,4 @@
-"""Find the zeros of an event function on one step with NumPy arrays: each once, in order, with the sign at the end.
+"""Find the zeros of an event function on one step with NumPy arrays, and its sign at the end of the step.
 
 The function is sampled at Chebyshev points of subintervals. A subinterval is halved until its Chebyshev series
 resolves the function, so that the last coefficients are at rounding level. Source: L. N. Trefethen, Approximation
@@ -32,11 +32,11 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True)
 class Root:
-    """A time at which the event function crosses zero, or touches it.
+    """A time on a step at which an event function crosses zero, or touches it.
 
     `time` is counted from the start of the step, and lies between 0 and the step length h. `rising` is 1 if the
-    function goes from negative to positive along the integration, -1 for the reverse, and 0 if it touches zero. At a
-    `jump` the sign of the function changes without a zero.
+    function goes from negative to positive along the integration, -1 for the reverse, and 0 if it touches zero. `jump`
+    is True if the function changes its sign without a zero.
     """
 
     time: float
@@ -75,7 +75,7 @@ class Side:
 
 
 Isolate = Callable[..., Any]
-"""Compiled procedure of root isolation: `machine.called(procedure.form())`."""
+"""Type of a compiled procedure that isolates the roots of a polynomial on a step (`roots` of `algorithm.events`)."""
 
 
 def printed() -> Isolate:
@@ -120,15 +120,16 @@ def roots(
 
 
 SAMPLED_HALVINGS = 5000
-"""Largest number of halvings on one step, enough for some hundreds of roots. Unresolved parts then count as noise."""
+"""Largest number of halvings of one step, enough for some hundreds of roots. After them a line through the ends of each
+unresolved part replaces the event function there."""
 
 POLE_LEVELS = 26
-"""Number of halvings over which a function with a pole grows by more than a factor of 1000. At a pole each halving
-doubles the size of the function; at a jump the size is constant."""
+"""Number of halvings that distinguish a pole from a jump. A function that grows by more than a factor of 1000 over them
+has a pole. Near a pole each halving doubles the size of the function, while at a jump the size is constant."""
 
 
 NOWHERE = np.empty(0)
-"""Empty coefficients, for a function without a value."""
+"""Empty array of polynomial coefficients, for a part of a step on which an event function has no value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +138,8 @@ class LocalPolynomial:
 
     The part begins at `start` and has the length `width`, both fractions of the step. `coefficients`, the constant
     first, belong to powers of the time since the start of the part, in units of its width. They are empty on a part
-    where the function has no value, or a pole. `noise` bounds the error of the polynomial. At a `jump` the part is a
-    point at which the sign changes without a zero.
+    where the function has no value, or a pole. `noise` bounds the error of the polynomial. `jump` is True if the
+    function changes its sign on the part without a zero. The part is then too short to be halved.
     """
 
     start: float
@@ -204,10 +205,12 @@ def _size(values: FloatArray) -> float:
 
 
 RATE_NOISE = 1024 * EPSILON
-"""Relative noise of a derivative: the weights of DOP853's dense output amplify rounding by a factor of 500."""
+"""Error of the time derivative of an event function on a step, as a fraction of its largest magnitude there. The
+weights of DOP853's dense output amplify rounding by a factor of 500."""
 
 SAME_JUMP = 2.0**-44
-"""Fraction of a step within which two opposite jumps count as one: 256 spacings of the state."""
+"""Largest distance in time of two crossings of one jump, as a fraction of the step. It is 256 relative spacings of
+floating-point numbers, because rounding of the state moves the crossings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,11 +241,12 @@ def trace(
     last: bool = False,
     isolate: Isolate | None = None,
 ) -> StepZeros:
-    """Return the zeros on a step of the event function with the given index, minus `level`, and its sides (signs).
+    """Return the zeros of one event function on a step, and its sides (signs) on the parts of the step.
 
-    `sample` evaluates the event functions on the step. `noise` is the error of the function, and `before` its side
-    before the step. `starting` is True if the function starts at `level` with an undecided side. `last` is True if no
-    step follows. `isolate` is the procedure that isolates the roots of a polynomial.
+    `sample` evaluates all event functions on the step, and `index` is the index of this one. `noise` is the error of
+    the function, and `before` its side before the step. `level` is first subtracted from the function. `starting` is
+    True if the function starts at `level` with an undecided side. `last` is True if no step follows. `isolate` is the
+    procedure that isolates the roots of a polynomial.
     """
     parts: list[tuple[LocalPolynomial, Side]] = []
     located: list[Root] = []
@@ -274,10 +278,11 @@ def trace(
 
 
 def ended(step_zeros: StepZeros, s: float, isolate: Isolate | None = None, *, decided: bool) -> tuple[list[Root], Side]:
-    """Return the zeros of a step up to its fraction `s`, where an event acts, and the side (sign) at this point.
+    """Return the zeros of an event function on a step up to the fraction `s`, and the side (sign) at this point.
 
-    `step_zeros` are the zeros of the whole step. If the function is zero at `s`, its slope decides the side if
-    `decided`; otherwise the side is undecided. `isolate` is the procedure that isolates the roots of a polynomial.
+    At `s` another event acts, so that the step is shortened. `step_zeros` are the zeros of the function on the whole
+    step. If the function is zero at `s`, its slope decides the side if `decided` is True; otherwise the side stays
+    undecided. `isolate` is the procedure that isolates the roots of a polynomial.
     """
     zeros: list[Root] = []
     side = step_zeros.parts[0][1] if step_zeros.parts else step_zeros.after
@@ -291,9 +296,9 @@ def ended(step_zeros: StepZeros, s: float, isolate: Isolate | None = None, *, de
 
 
 def _merged(located: list[Root]) -> tuple[Root, ...]:
-    """Return the roots of a step, without crossings of a jump that cancel each other.
+    """Return the roots of an event function on a step, without crossings of a jump that cancel each other.
 
-    The path may cross one jump several times because of rounding. Two crossings in opposite directions cancel.
+    Because of rounding the motion may cross one jump several times. Two crossings in opposite directions cancel.
     """
     merged: list[Root] = []
     for root in located:
@@ -332,9 +337,10 @@ def _integrated(sample: Sample, index: int, piece: LocalPolynomial) -> LocalPoly
 
 
 def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
-    """Return the sign of a function just after a start at zero, and the lowest power of time in it.
+    """Return the sign of a function just after a start at zero, and the lowest power of time in its polynomial.
 
-    `piece` is the polynomial of the function, divided by time. The sign is 0 if the function stays zero.
+    `piece` is the polynomial of the function, divided by time. Terms within its noise are left out. The sign and the
+    power are 0 if no term is left, so that the function stays zero.
     """
     beyond = np.flatnonzero(np.abs(piece.coefficients) > piece.noise)
     if not len(beyond):
@@ -354,9 +360,9 @@ def rests(batch: StepBatch, step: int, sample: Sample, index: int) -> bool:
 
 
 def velocity(sample: Sample, index: int) -> float:
-    """Return the time derivative of an event function at the start of a step; 0 if it is within its noise.
+    """Return the derivative of an event function at the start of a step, or 0 if it is within rounding of zero.
 
-    `index` is the index of the function, and `sample` the step.
+    It is taken with respect to the fraction of the step. `index` is the index of the function, and `sample` the step.
     """
     rates = sample.rates(chebyshev_points(DEGREE))[index]
     return 0.0 if abs(rates[0]) <= RATE_NOISE * np.abs(rates).max() else float(rates[0])

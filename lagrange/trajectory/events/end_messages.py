@@ -28,7 +28,10 @@ _AS_CONTACT = "State the reset as a contact, as in contacts={'floor': lagrange.c
 
 
 def at_rest(name: str) -> EventResult:
-    """Return the end of a run that comes to rest on the contact `name`, because the reset leaves no velocity."""
+    """Return the result that ends a run at a contact whose reset leaves no velocity, so that the body comes to rest.
+
+    `name` is the text of the contact's event function.
+    """
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"After the reset {name} is zero, its rate is zero, and the motion would cross zero: the body comes to rest "
@@ -38,7 +41,7 @@ def at_rest(name: str) -> EventResult:
 
 
 def accumulating(name: str) -> EventResult:
-    """Return the end of a run at which event `name` occurs again and again at nearly the same time."""
+    """Return the result that ends a run because the event `name` occurs again and again at nearly the same time."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"Events accumulate: {name} is zero again and again within the spacing of floating-point times, as for a ball "
@@ -47,7 +50,10 @@ def accumulating(name: str) -> EventResult:
 
 
 def unresolved(name: str) -> EventResult:
-    """Return the end of a run with resets by event `name` that are closer together than steps or errors resolve."""
+    """Return the result that ends a run because resets by the event `name` follow each other too quickly.
+
+    The time between these resets is too short for the steps of the method, or for their errors.
+    """
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"The resets where {name} is zero follow each other too quickly for the steps of the method, as when a ball "
@@ -57,7 +63,10 @@ def unresolved(name: str) -> EventResult:
 
 
 def sliding(name: str, t: float) -> EventResult:
-    """Return the end of a run at time t on the switching surface `name`, to which it returns from both sides."""
+    """Return the result that ends a run at time t, since the forces drive it to a switching surface from both sides.
+
+    `name` is the text of the surface's expression.
+    """
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"The equations of motion jump where {name} is zero, and from t = {t:.6g} on they drive {name} back to zero "
@@ -68,7 +77,10 @@ def sliding(name: str, t: float) -> EventResult:
 
 
 def not_finite_after_reset(name: str) -> EventResult:
-    """Return the end of a run whose reset gives a state that is nan or infinite. `name` is the text of its events."""
+    """Return the result that ends a run whose reset gives a state that is nan or infinite.
+
+    `name` is the text of the function of the event that resets the state.
+    """
     return EventResult(
         Status.NON_FINITE,
         f"The reset where {name} is zero gives a state that is nan or infinite. Look for a division by zero, for a "
@@ -78,9 +90,9 @@ def not_finite_after_reset(name: str) -> EventResult:
 
 
 def off_constraints(names: str, violated: str) -> EventResult:
-    """Return the end of a run whose resets violate constraints.
+    """Return the result that ends a run whose resets violate constraints.
 
-    `names` are the events of the resets, and `violated` is a sentence on the violation.
+    `names` lists the functions of the events that reset the state. `violated` is a sentence on the violation.
     """
     return EventResult(
         Status.DIVERGED,
@@ -90,7 +102,7 @@ def off_constraints(names: str, violated: str) -> EventResult:
 
 
 def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
-    """Return the end of a run at a state at which an event function, or a derivative of it, is not finite.
+    """Return the result that ends a run at a state at which an event function, or a derivative of it, is not finite.
 
     `names` are the names of the watched functions (E,), and `watched` (order + 1, E) their Taylor coefficients.
     """
@@ -104,7 +116,7 @@ def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
 
 
 def zero_root(name: str) -> EventResult:
-    """Return the end of a run where the root or power `name` in the equations of motion becomes zero."""
+    """Return the result that ends a run where the root or power `name` in the equations of motion becomes zero."""
     return EventResult(
         Status.NON_FINITE,
         f"{name} becomes zero there, and has no Taylor series: after this time a sqrt, log or power leaves its domain, "
@@ -116,10 +128,10 @@ def zero_root(name: str) -> EventResult:
 def without_value(
     name: str, value: float, lack: str = "after this time it has none", *, smooth: bool = False
 ) -> EventResult:
-    """Return the end of a run at a point after which the watched function `name` has no value, or no Taylor series.
+    """Return the result that ends a run at a point after which a watched function has no value, or no Taylor series.
 
-    `value` is the value of the function there, and `lack` the clause on the missing value or series. `smooth` is True
-    for a switching surface, since the motion may continue although the series of the surface ends.
+    `name` is the text of the function, and `value` its value there. `lack` is the clause of the message that says what
+    is missing. `smooth` is True for a switching surface: the motion may continue although the surface's series ends.
     """
     return EventResult(
         Status.NON_FINITE,

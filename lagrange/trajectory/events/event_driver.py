@@ -109,8 +109,8 @@ class EventDriver:
     def _is_compiled(self, t: float, steps: int) -> bool:
         """Return True if this call compiled the loop over steps with events. It does so if that saves time.
 
-        This is decided only in the first call and at the start of a smooth piece of motion. The number of steps in
-        other calls depends on measured times, but the digits of events must not depend on measured times.
+        This is decided only in the first call and at the start of a smooth piece of motion. In other calls the number
+        of steps depends on the computing time, on which the digits of events must not depend.
         """
         if self._compiled is None:
             watch, driver = self._watch, self._driver

@@ -18,12 +18,13 @@ from lagrange.trajectory.events.model_events import ModelEvent
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_REPEATS = 3
-"""Largest number of changes that one event may cause at nearly the same time."""
+"""Largest number of resets, or other changes of the motion, that one event may cause at nearly the same time. With more
+changes the run ends."""
 
 SAME_INTERVAL, MOST_SAME = 0.999, 8
-"""Test for resets that only rounding noise separates: an interval between resets does not decrease if it has at least
-the first number times the length of the shortest before it. The second number is the largest number of such intervals
-in succession."""
+"""Test for resets that only rounding noise separates. An interval between two resets does not decrease if its length is
+at least the first number times the shortest interval before it. The second number is the largest number of intervals in
+succession that do not decrease."""
 
 
 class Occurrences:
@@ -37,14 +38,14 @@ class Occurrences:
         return self._count
 
     def append(self, t: float, y: FloatArray, steps: int) -> None:
-        """Add an occurrence at time t and state y (2n,). It is reported after `steps` accepted steps."""
+        """Add an occurrence at time t and state y (2n,). It counts as soon as the run has `steps` accepted steps."""
         self.extend(np.array([t]), y[None], steps)
 
     def extend(self, t: FloatArray, y: FloatArray, steps: int, mark: object = None) -> None:
         """Add occurrences at times (k,) and states (k, 2n).
 
-        They are reported as soon as the run has `steps` accepted steps. `mark` identifies the batch of occurrences. A
-        second call in succession with the same mark has no effect.
+        They count as soon as the run has `steps` accepted steps. `mark` identifies the added occurrences: a second
+        call in succession with the same mark has no effect. An interrupted call may therefore be repeated.
         """
         again = mark is not None and bool(self._parts) and self._parts[-1][3] == mark
         if len(t) and not again:
@@ -63,10 +64,11 @@ class Occurrences:
 
 
 class Breaks:
-    """The rows of a run (indices of stored states) after which a new smooth piece of motion begins.
+    """The breaks of a run: the points at which one smooth piece of motion ends and the next one begins.
 
-    `size` is the length 2n of a state. The step that ends at a break may have been shortened. Then `times` (k,) and
-    `states` (k, 2n) have the end of the full step; they are NaN for other steps.
+    A break is stored as a row: the index of the last stored state of the earlier piece. The step that ends at a break
+    may have been shortened. Then the time and state at the end of the full step are stored too. They are NaN for other
+    steps. `size` is the length 2n of a state.
     """
 
     def __init__(self, size: int) -> None:
@@ -111,7 +113,10 @@ class Breaks:
 
 
 def until_end(events: Sequence[ModelEvent], occurrences: Sequence[Occurrences]) -> list[int]:
-    """Return the number of further occurrences after which each event ends the run, or 0 for never."""
+    """Return for each event the number of further occurrences after which it ends the run, or 0 for never.
+
+    `occurrences` are the occurrences of each event so far.
+    """
     return [max(event.terminal - len(earlier), 0) for event, earlier in zip(events, occurrences, strict=True)]
 
 
@@ -126,9 +131,9 @@ class EventLog:
         self.state: DriverState | None = None
 
     def change_among(self, zeros: Sequence[EventZero], events: Sequence[ModelEvent]) -> EventZero | None:
-        """Return the first zero in `zeros`, in order of time, whose event resets the state or ends the run, or None.
+        """Return the first of some zeros whose event resets the state or ends the run, or None.
 
-        `events` are all events; a zero refers to its event by index.
+        `zeros` are in order of time. Each has the index of its event in `events`, which are all events of the run.
         """
         remaining = np.where([event.reset for event in events], 1, until_end(events, self.occurrences))
         functions, directions = [zero.which for zero in zeros], [zero.root.rising for zero in zeros]
@@ -146,7 +151,7 @@ class EventLog:
         return any(0 < events[i].terminal <= len(self.occurrences[i]) for i in indices)
 
     def keep(self, which: NDArray[np.int64], when: FloatArray, states: FloatArray, steps: int) -> None:
-        """Add k occurrences, in order of time, which are reported as soon as the run has `steps` accepted steps.
+        """Add k occurrences, in order of time. They count as soon as the run has `steps` accepted steps.
 
         `which` (k,) are the indices of their events, `when` (k,) the times, and `states` (k, 2n) the states.
         """
@@ -188,9 +193,10 @@ class ChangeCounter:
         self.last = t
 
     def accumulates(self, t: float, which: Iterable[int]) -> bool:
-        """Count a change at time t by each of the events `which`. Return True if one event has too many.
+        """Count a change of the motion at time t by each of the events `which` (indices).
 
-        Only changes at nearly the same time are counted together. With too many the run does not advance.
+        Return True if one event has caused more than `MOST_REPEATS` changes at nearly the same time: the run then does
+        not advance. Changes at other times are not counted.
         """
         if abs(t - self.last) > CLOSEST * max(abs(t), EARLIEST):
             self.counts.clear()
@@ -211,9 +217,10 @@ class ResetIntervals:
         self.least, self.count = length, 0
 
     def idle(self, length: float, *, unseen: bool) -> bool:
-        """Count an interval `length` between two resets. Return True if too many in succession do not decrease.
+        """Count an interval between two resets. Return True if too many intervals in succession do not decrease.
 
-        `unseen` is True if the event function was within rounding noise in the interval. Only such intervals count.
+        `length` is the duration of the interval. `unseen` is True if the event function was within rounding noise
+        during the interval. Only such intervals count; any other restarts the count.
         """
         if unseen and length >= SAME_INTERVAL * self.least:
             self.count += 1

@@ -26,7 +26,8 @@ JUMPING = frozenset(("sign", "atan2", "piecewise"))
 """Names of the functions with jumps inside their domain."""
 
 ALIKE = 1e-9
-"""Largest relative difference of two resets of one entry at the same time that agree. They and the time are rounded."""
+"""Largest relative difference of two values that agree if two events reset the same entry of the state at one time. The
+values differ by rounding, also of the time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,7 @@ class ModelEvent:
         return Reaction(self.direction, self.terminal, self.first, self.rows, self.root, self.smooth)
 
     def counts(self, rising: int) -> bool:
-        """Return True if a zero counts as this event. Its direction `rising` is 1, -1, or 0 for a touch."""
+        """Return True if a zero of the event function with direction `rising` (1, -1, or 0 for a touch) counts."""
         return self.direction in (0, rising)
 
     def apply(self, t: float, before: FloatArray, parameters: FloatArray, state: FloatArray) -> None:
@@ -99,7 +100,7 @@ def reset_state(
     before: FloatArray,
     parameters: FloatArray,
 ) -> tuple[FloatArray, EventResult]:
-    """Return the state (2n,) after resets, and the end of the run if the state is not valid.
+    """Return the state (2n,) after resets, and a result that ends the run if this state is not valid.
 
     `resets` maps events to their indices in `names()`. Every reset is computed from the state `before` (2n,). If
     constraints hold after a reset, the new state must satisfy them, like an initial state. Since `before` satisfies the
@@ -143,7 +144,7 @@ def _reset(resets: Iterable[ModelEvent], t: float, before: FloatArray, parameter
 
 
 def model_events(model: Model, events: Sequence[Event]) -> tuple[ModelEvent, ...]:
-    """Return the events of a run, whose expressions are graph nodes. One kernel computes the values of all resets."""
+    """Translate the events that the user stated into nodes of the model's graph. One kernel computes all resets."""
     equations, rows = model.equations, state_rows(model.statement.coordinates)
     values = [value for event in events for value in event.reset.values()]
     kernel = model.function("reset", tuple(map(equations.translate, values))) if values else None

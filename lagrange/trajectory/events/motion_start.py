@@ -12,7 +12,8 @@ The sign of a function is known from earlier points. It is never taken from a va
    event with a direction and a reset. A contact has the sign from which its direction leads to zero. It acts at once if
    its function moves through zero in this direction, unless the motion would pass zero after the reset as well.
 
-At the first point after the change the rate decides the sign of a value within its noise, as between any two steps.
+If the function is within its noise of zero at the first accepted point after a reset, its time derivative decides the
+sign, as between any two steps.
 """
 
 from __future__ import annotations
@@ -71,8 +72,8 @@ def sides_after_events(
 
 
 SMALL_FRACTION = 2.0**-26
-"""Fraction of a step over which the slope of an event function is measured just after a reset. With this slope the
-function changes over the step. A change below the same fraction of its largest value on the step counts as zero."""
+"""Fraction of a step over which the slope of an event function just after a reset is measured by differences. The slope
+counts as zero if it would change the function on the whole step by less than this fraction of its largest value."""
 
 
 def still_passes(model: Model, kernel: Kernel, events: Sequence[ModelEvent], index: int, sample: Sample) -> bool:
@@ -115,8 +116,8 @@ def wrong_side_reset(
 def zero_size(batch: StepBatch, step: int, index: int, span: float) -> float:
     """Return the size up to which the event function of contact `index` counts as zero at the start of a step.
 
-    `step` is the index of the step in the batch. The size is the noise of the event function, or its change over one
-    floating-point spacing of time if this is larger. The spacing is relative to `span`, the duration of the run.
+    `step` is the index of the step in the batch. The size is the noise of the event function, or its change within the
+    rounding error of a time if this is larger. This error is 2**-52 times `span`, the duration of the run.
     """
     steps = abs(span / (batch.path.times[step + 1] - batch.path.times[step]))
     return float(max(batch.noise[index, step], batch.sensitive[index, step] * (EPSILON / DENSE_ROUND_OFF) * steps))

@@ -23,8 +23,8 @@ class EventSeries:
     """Taylor coefficients of the state and of E event functions, in the time unit `scale`.
 
     `rows` (order + 1, 2n + E) has all coefficients, and `watched` (order + 1, E) the coefficients of the event
-    functions. `noise` (E,) is the rounding error of the functions at the state. `rtol` is the tolerance of the series.
-    The terms of an event function are compared at the time `unit`.
+    functions. `noise` (E,) is the rounding error of the functions at the state. `rtol` is the relative tolerance of the
+    series. `unit` is the time, in units of `scale`, at which the terms of one series are compared with each other.
     """
 
     scale: float
@@ -58,7 +58,10 @@ class EventSeries:
         return cls(scale, unit, rtol, rows, watched, noise)
 
     def near(self, which: int) -> FloatArray:
-        """Return the series (order + 1,) of event function `which` in a unit of time with comparable terms."""
+        """Return the series (order + 1,) of event function `which`, in a unit of time that makes its terms comparable.
+
+        The unit is the time up to which the series is accurate, but at most the field `unit`.
+        """
         return near(self.watched[:, which : which + 1], self.unit, self.rtol, self.noise[which : which + 1])[:, 0]
 
     def leaving(self, which: int, margin: float = math.inf) -> tuple[int, int]:
@@ -71,17 +74,17 @@ class EventSeries:
         return leaving(self.watched[:, which], margin, self.unit, tolerance, float(self.noise[which]))
 
     def falls(self, which: int, soon: float) -> bool:
-        """Return True if event function `which` reaches zero within the time `soon`, by its value and slope."""
+        """Return True if the tangent of event function `which` at the state reaches zero within the time `soon`."""
         g, slope = self.watched[:2, which]
         return bool(g * slope < 0 and abs(g) <= abs(slope) * soon / abs(self.scale))
 
 
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[float]:
-    """Return for each column of a series the time, at most s, up to which it is accurate.
+    """Return the time, at most s, up to which the Taylor series of each of k functions is accurate.
 
-    A column of the series (order + 1, k) is accurate if its truncation error is below the relative tolerance `rtol`, or
-    below its rounding error `noise` (k,). For most series the first and the last two terms already prove that they are
-    accurate up to s.
+    Each column of `series` (order + 1, k) belongs to one function. It is accurate if its truncation error is below the
+    relative tolerance `rtol`, or below its rounding error `noise` (k,). For most series the first two and the last two
+    terms already prove that they are accurate up to s.
     """
     tolerance, run, ends, far = EVENT_SLACK * max(rtol, EPSILON), called(event_series.reach.form()), [0, 1, -2, -1], []
     with np.errstate(all="ignore"):
@@ -93,10 +96,11 @@ def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[
 
 
 def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray) -> FloatArray:
-    """Return a series (order + 1, k) in another unit of time, so that the terms of each column are comparable.
+    """Return the Taylor series (order + 1, k) of k functions, each in a unit of time that makes its terms comparable.
 
-    The coefficients of order i are multiplied by s**i. Here s is the time up to which the column is accurate, at most
-    `unit`. A column is accurate up to the tolerance `rtol` or its rounding error `noise` (k,).
+    Each column of `series` belongs to one function. The unit of time is s, the time up to which the column is accurate,
+    but at most `unit`: coefficient i is multiplied by s**i. The error of an accurate column is below the relative
+    tolerance `rtol`, or below its rounding error `noise` (k,).
     """
     with np.errstate(all="ignore"):
         return np.asarray(series * np.array(reach(series, unit, rtol, noise)) ** _ranks(len(series) - 1)[:, None])
@@ -118,12 +122,12 @@ def leaving(
 
 @lru_cache(maxsize=64)
 def _ranks(order: int) -> FloatArray:
-    """Return the orders 0, 1, ... up to `order` as reals, (order + 1,)."""
+    """Return the powers of time 0, 1, ..., `order` of the terms of a series as reals, (order + 1,)."""
     return np.arange(order + 1.0)
 
 
 def signed_scale(state: DriverState) -> float:
-    """Return the time scale of a driver's state, with the sign of the run's direction."""
+    """Return the unit of time of the driver's Taylor series: positive in a forward run, negative in a backward run."""
     left = state.reals[DriverState.END] - state.t
     scale = float(state.taylor.scale)
     return math.copysign(scale, left or scale)

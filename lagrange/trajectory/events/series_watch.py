@@ -1,8 +1,8 @@
-"""Handle the events of a Taylor run that compiled code leaves to Python: irregular zeros, resets, crossed surfaces.
+"""Handle the events and crossed surfaces of a Taylor run that the compiled loop over steps leaves to Python.
 
-The compiled loop over steps finds the zeros of event functions and switching surfaces. It ends a step at the first zero
-that changes the motion. In regular cases the loop itself resets the state or crosses the surface. In other cases it
-returns, and this module ends the run, resets the state, or continues with the equations after the surface.
+The loop finds the zeros of event functions and switching surfaces. It ends a step at the first zero that changes the
+motion. In simple cases the loop itself resets the state or crosses the surface. In other cases it returns, and this
+module ends the run, resets the state, or continues with the equations after the surface.
 """
 
 from __future__ import annotations
@@ -46,10 +46,11 @@ S = DriverState
 class SeriesWatch(EventLog):
     """Finds zeros of surfaces and events along a run by Taylor steps. Indices count surfaces first, then events.
 
-    `series` has the given `order`, and `names` returns the names of the functions. `events` are all events. `memory` is
-    shared with the loop over steps; it comes from a former run by the driver, or is None. `zero_sides` are the sides of
-    zero (known signs) of the functions before the next step. `starting` has the indices of the functions that are zero
-    at the start of this step. `pending` are the zeros at the present state that are still to be processed.
+    `series` computes Taylor coefficients up to `order`. `names` returns the texts of the functions. `events` are all
+    events of the run. `memory` is shared with the compiled loop over steps; it comes from a former run by the driver,
+    or is None. `zero_sides` are the known signs of the functions before the next step. `starting` has the indices of
+    the functions that are zero at the start of this step. `pending` are the zeros at the present state that are still
+    to be processed.
     """
 
     def __init__(
@@ -109,7 +110,10 @@ class SeriesWatch(EventLog):
         return EventResult()
 
     def _begin(self, state: DriverState) -> EventResult:
-        """Determine the signs of surfaces and events at the start of a smooth piece, without the loop."""
+        """Determine the signs of surfaces and events at the start of a smooth piece of motion, in Python.
+
+        Return an empty result, or the reason why the run ends here.
+        """
         result = self.start(state, {})
         if result.status is None:
             self.pending = self.events_at_once(state, ())
@@ -154,7 +158,7 @@ class SeriesWatch(EventLog):
         return result if ended else EventResult(Status.SUCCESS, jumped=result.jumped)
 
     def is_due(self, state: DriverState) -> bool:
-        """Return True if an event is pending at the state, even if the motion has no Taylor series from there."""
+        """Return True if an event is pending at the state. The motion may have no Taylor series from there."""
         self.read(state)
         return bool(self.pending)
 

@@ -22,27 +22,30 @@ sampled at 9 nodes first, and at 17 only on steps that may have an event."""
 
 
 class StepsPath(Protocol):
-    """The dense output of accepted steps: on each a polynomial of degree at most 16 through both of its states."""
+    """The dense output of S accepted steps: on each step a polynomial in time, of degree at most 16.
+
+    It passes through the states at both ends of the step.
+    """
 
     @property
     def times(self) -> FloatArray:
-        """The accepted times, (S+1,)."""
+        """The times of the ends of the steps, (S+1,)."""
 
     @property
     def states(self) -> FloatArray:
-        """The accepted states, (S+1, 2n)."""
+        """The states at the ends of the steps, (S+1, 2n)."""
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
         """Return the states (2n, k, K) at the fractions theta (K,) of each of the k steps with the indices `steps`."""
 
 
 PathOf = Callable[[FloatArray, FloatArray], StepsPath]
-"""Function that returns the path through accepted times (S+1,) and states (S+1, 2n)."""
+"""Type of a function that returns the dense output of S steps from their accepted times (S+1,) and states (S+1, 2n)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Part of a path (dense output of steps): the steps from index `begin` to before `end`. It is itself a path."""
+    """Part of the dense output `path`: the S steps from index `begin` to before `end`. It is itself a dense output."""
 
     path: StepsPath
     begin: int
@@ -50,12 +53,12 @@ class Window:
 
     @property
     def times(self) -> FloatArray:
-        """The accepted times of these steps, (S+1,)."""
+        """The times of the ends of the S steps, (S+1,)."""
         return self.path.times[self.begin : self.end + 1]
 
     @property
     def states(self) -> FloatArray:
-        """The accepted states of these steps, (S+1, 2n)."""
+        """The states at the ends of the S steps, (S+1, 2n)."""
         return self.path.states[self.begin : self.end + 1]
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
@@ -85,15 +88,15 @@ class Sample:
         return evaluate(self.states, np.array([s]))[:, 0]
 
     def rates(self, s: FloatArray) -> FloatArray:
-        """Return the derivatives (E, K) of the event functions at fractions s (K,) of the step, by the fraction.
+        """Return the derivatives (E, K) of the event functions with respect to the fraction s (K,) of the step.
 
-        They are the time derivatives, multiplied by the length of the step.
+        They are the time derivatives at these fractions, multiplied by the length of the step.
         """
         rates = self.batch.rates()
         return self.h * rates(self.t + self.h * s, evaluate(self.states, s), self.batch.parameters)
 
     def events(self, s: FloatArray) -> FloatArray:
-        """Return the event functions (E, K) at fractions s (K,) of the step."""
+        """Return the values (E, K) of the event functions at the fractions s (K,) of the step."""
         return self.batch.kernel(self.t + self.h * s, evaluate(self.states, s), self.batch.parameters)
 
 
@@ -102,9 +105,10 @@ class StepBatch:
     """A batch of S accepted steps: the path over them, and E event functions along it.
 
     `kernel` evaluates the event functions, and `rates()` returns the kernel of their time derivatives. `ends` (E, S+1)
-    are the functions at the states, and `edge` (E, S+1) their errors. `noise` (E, S) is the error of a function on a
-    step, and `sensitive` (E, S) the part of this error that is due to the change of the state. `certain` (E, S) is True
-    if the function keeps its sign on the step. `samples` has the stored samples of steps, by the index of the step.
+    are the values of the functions at the ends of the steps, and `edge` (E, S+1) their rounding errors. `noise` (E, S)
+    is the error of a function on a step. `sensitive` (E, S) is the part of this error that grows with the change of the
+    state on the step. `certain` (E, S) is True if the function certainly keeps its sign on the step. `samples` has the
+    stored samples of steps, by the index of the step.
     """
 
     kernel: Kernel
@@ -183,8 +187,8 @@ def evaluate(chebyshev: FloatArray, s: FloatArray) -> FloatArray:
 def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
     """Return a mask (...): True where Chebyshev coefficients (..., degree + 1) prove that a function keeps its sign.
 
-    `noise` (...) are the errors of the functions. The truncated part is estimated as eight times the last
-    coefficients.
+    `noise` (...) are the errors of the functions. The omitted terms of the Chebyshev series are estimated as eight
+    times the larger of the last two coefficients.
     """
     sizes = np.abs(chebyshev)
     tail = sizes[..., 1:].sum(axis=-1) + TAIL * sizes[..., -2:].max(axis=-1) + 4 * noise

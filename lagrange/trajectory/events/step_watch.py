@@ -1,7 +1,7 @@
-"""Handle the events on accepted steps of any method but Taylor: record, reset, end; search where no loop is compiled.
+"""Handle the events of all methods but Taylor: record them, reset the state, or end the run.
 
-The steps are reviewed, that is, searched for events on their dense output. If an event resets the state or ends the
-run, the run is set back to it. `EventDriver` takes the steps and calls this watcher.
+Accepted steps are searched for events on their dense output: here, or in a compiled loop if there is one. If an event
+resets the state or ends the run, the run is set back to it. `EventDriver` takes the steps and calls `StepWatch`.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Cut:
 
 
 class StepWatch(EventLog):
-    """Finds the events along one run by a step program, and handles them: records, resets, ends of the run."""
+    """Finds the events along one run by a step program. Records them, resets the state, or ends the run."""
 
     def __init__(self, problem: Problem, path_of: PathOf, memory: WatchedEvents | None = None, *, fixed: bool) -> None:
         super().__init__(len(problem.events), len(problem.y0))
@@ -122,7 +122,7 @@ class StepWatch(EventLog):
         return any(event.reset or event.terminal for event in self.events)
 
     def names(self) -> list[str]:
-        """Return the names of the events, in the user's symbols."""
+        """Return the text of each event function, in the user's symbols, by which messages name the event."""
         return [self.problem.model.statement.quote(event.expression) for event in self.problem.events]
 
     def begin(self, state: DriverState) -> EventResult:
@@ -137,7 +137,10 @@ class StepWatch(EventLog):
         return self._defined(state)
 
     def process(self, state: DriverState) -> EventResult:
-        """Apply the pending events at the state to which the run was set back: record, reset the state, or end."""
+        """Record the pending events at the state to which the run was set back, and apply their resets.
+
+        The result says whether the state has jumped, or why the run ends.
+        """
         self.breaks.append(state.count(S.STEPS) + self.jumps, self.whole)
         if self._verdict is not None:
             return self._verdict
@@ -155,7 +158,7 @@ class StepWatch(EventLog):
         return EventResult(Status.SUCCESS)
 
     def is_due(self, state: DriverState) -> bool:
-        """Return False: the driver stops at each event that has to be processed, so none is pending elsewhere."""
+        """Return False: no event is pending, since the driver stops at each event that has to be processed."""
         return False
 
     def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, steps_before: int) -> Cut | None:
@@ -171,7 +174,7 @@ class StepWatch(EventLog):
 
     @property
     def regular(self) -> bool:
-        """True if no event function is known to be zero at the present state."""
+        """True if no event function is known to be zero at the present state, so that machine code can continue."""
         started = not self._levels if self._start is None else not (self._start.rested or self._start.jumped)
         return started and not self._resting
 
@@ -294,11 +297,11 @@ class StepWatch(EventLog):
         return None
 
     def _at_zero(self, batch: StepBatch, step: int, watched: Sequence[int]) -> list[int]:
-        """Return the events that are zero at the start of a smooth piece of motion, if a step begins there.
+        """Return the indices of the events whose functions are zero at the start of a smooth piece of motion.
 
-        `step` is the index of this step in the `batch`, and `watched` are the indices of the events to test. The values
-        of their functions are stored. An event with a known sign at the start is not included: its zeros are found as
-        on any other step.
+        The list is empty if the step does not begin there. `step` is the index of the step in the `batch`, and
+        `watched` are the indices of the events to test. The values of the returned events are stored, since `_step`
+        subtracts them. An event with a known sign is not returned: its zeros are found as on any other step.
         """
         begun, ends = self._start, batch.ends[:, step]
         if begun is None:
@@ -382,9 +385,9 @@ class StepWatch(EventLog):
                 self.occurrences[zero.which].append(sample.t + s * sample.h, sample.state(s), steps_before + 1)
 
     def _jump(self, zeros: Sequence[EventZero], all_zeros: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Reset the state by the events in `zeros`, after which steps start anew.
+        """Reset the state by the events in `zeros`, and begin a new smooth piece of motion.
 
-        `all_zeros` has all zeros at this time.
+        `all_zeros` has the zeros of all events at this time. The result says whether the run ends here.
         """
         before, model = state.y.copy(), self.problem.model
         values = self.kernel(state.t, before, self.parameters)

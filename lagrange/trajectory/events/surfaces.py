@@ -32,15 +32,15 @@ from lagrange.trajectory.integrator import Integrator, Problem, part_of
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 MOST_TRIALS = 3**8
-"""Largest number of choices of signs that are tried where several surfaces are zero: all choices for up to eight
-surfaces."""
+"""Largest number of choices of signs (1, -1 or 0) that are tried where several switching surfaces are zero. It admits
+all choices for up to eight surfaces."""
 
 Surfaces = Callable[[FloatArray], FloatArray]
 """Type of a function from the signs of all surfaces to their Taylor series at a state, (order + 1, surfaces)."""
 
 
 class Sliding(Exception):
-    """Error: the motion slides along a surface, which the equations do not describe."""
+    """Error: the motion would slide along the switching surface with index `surface`. The equations do not say how."""
 
     def __init__(self, surface: int) -> None:
         super().__init__(surface)
@@ -50,7 +50,7 @@ class Sliding(Exception):
 def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return the sign (1, -1 or 0) of every switching surface at a state (2n,), from the value of its expression.
 
-    The mass matrix is not needed. It may be singular where a surface has another sign.
+    The mass matrix is not computed, since it depends on these signs: with wrong signs it may be singular.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.surfaces, t, y, parameters)
@@ -60,13 +60,13 @@ def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: Fl
 def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, tuple[int, ...]]) -> FloatArray:
     """Return the first consistent choice of signs at a state on switching surfaces.
 
-    A choice is consistent if the motion, with the forces of these signs, leaves the surfaces to these signs. `surfaces`
+    A choice is consistent if the forces of the chosen signs move the state to the sides with these signs. `surfaces`
     maps the signs of all surfaces to their Taylor series. `sides` are the present signs, 1 or -1. `choices` maps the
-    index of each surface on which the motion is to the signs to try, the likely one first. The sign 0 means that the
+    index of each surface on which the state lies to the signs to try, the likely one first. The sign 0 means that the
     motion stays on the surface.
 
-    If no choice is consistent, the result is the first choice with which the series are not finite, so that the run
-    ends. Without such a choice raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
+    If no choice is consistent, the result is the first choice with which a series is not finite, so that the run ends.
+    If there is no such choice either, raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
     """
     undefined: FloatArray | None = None
     singular: SingularMassMatrix | None = None
@@ -90,9 +90,9 @@ def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, t
 def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> FloatArray:
     """Return the Taylor series of all surfaces (order + 1, surfaces), and correct the sides `trial` in place.
 
-    `surfaces` maps sides to the series. A side, 1 or -1, is corrected if the function of the surface is clearly not
-    zero and has the opposite sign. This happens because a surface may depend on the sides of others. The sides of
-    surfaces with indices in `chosen` are kept.
+    `surfaces` maps sides to the series. A side (1, -1 or 0) is corrected if the value of its surface is clearly not
+    zero and has another sign. This happens because a surface may depend on the sides of other surfaces. The sides of
+    the surfaces with indices in `chosen` are kept.
     """
     g = surfaces(trial)
     for _ in trial:
@@ -105,34 +105,38 @@ def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> Fl
 
 
 def clear(g: FloatArray) -> NDArray[np.bool_]:
-    """Return a mask (...) of the functions that are clearly not zero, by their Taylor series g (order + 1, ...)."""
+    """Return a mask (...): True for functions whose value is clearly not zero, from their series g (order + 1, ...).
+
+    The value, g[0], has to exceed the fraction `JUMP` of the largest Taylor coefficient.
+    """
     return np.asarray(np.abs(g[0]) > JUMP * np.where(np.isfinite(g), np.abs(g), 0.0).max(axis=0))
 
 
 LEAP_SHARE = 1e-6
-"""Length of a step over a point without a Taylor series, as a fraction of the run."""
+"""Largest length of a leap, as a fraction of the run. A leap is a short step over a point without a Taylor series."""
 
 CHANGE = 0.01
-"""Largest relative change of an acceleration over a step without a series, so that jumps and poles are not passed. It
-is relative to the acceleration, or to the velocity divided by the length of the run. At rest the limit is `GROWTH`."""
+"""Largest relative change of an acceleration over a leap. A larger change may be a jump or a pole, which no leap may
+pass. The change is divided by the acceleration, or by the velocity over the length of the run if this is larger. A leap
+with a larger change, as at rest, needs the test of `GROWTH`."""
 
 EARLY, GROWTH = 1 / 16, 0.5
-"""At rest, accept a step without a series if less than half of the change of acceleration occurs in its first 1/16. The
-acceleration then grows as a power of time of at least 1/4, like the force on a bead that another one touches. Near a
-pole, or after log(t), it does not."""
+"""Test of a leap with a large relative change of the acceleration, as at rest. The leap is accepted if at most half
+(`GROWTH`) of the change occurs in its first 1/16 (`EARLY`). The acceleration then grows as a power of time of at least
+1/4, like the force on a bead that another one touches. Near a pole, or like log(t), it grows otherwise."""
 
 OFF_SURFACE = 2.0**-10
-"""Fraction of a step without a series after which the motion has left the surface on which the step began."""
+"""Fraction of a leap after which the motion has left the switching surface on which the leap began."""
 
 IN_A_ROW = 3
-"""Largest number of successive steps without a series, with no Taylor step between them."""
+"""Largest number of successive leaps (steps without a Taylor series) with no Taylor step between them."""
 
 SHORTER, ATTEMPTS = 1 / 16, 6
-"""Factor by which a rejected step without a series is shortened, and largest number of attempts."""
+"""Factor of the length of a leap after it was rejected, and largest number of leaps that are tried at one point."""
 
 MOST_LEAP_STEPS = 2000
-"""Largest number of steps of the other method in a step without a series. One is usual. A force that acts only for a
-short time requires a thousand."""
+"""Largest number of steps that the other method takes in one leap. One is usual. A force that acts only for a short
+time requires a thousand."""
 
 
 @dataclass
@@ -151,9 +155,9 @@ class Continuations:
     continuations_in_a_row: int = 0
 
     def ahead(self, state: DriverState) -> list[float]:
-        """Return the end times to try for a step without a Taylor series, the latest first.
+        """Return the end times to try for a leap from the driver's state, the latest first.
 
-        The list is empty if no such step is allowed.
+        The list is empty at the end of the run, and after too many successive leaps.
         """
         span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
         if not left or (state.t == self.landed and self.continuations_in_a_row >= IN_A_ROW):
@@ -167,7 +171,8 @@ class Continuations:
 
         A leap is a short step without a Taylor series. The forces at the end of the leap are compared with the forces
         at its start. `switched` takes a duration and returns True if the equations switch at a surface within this
-        time. If they switch at once, the forces just after the start are compared instead.
+        time. If they switch at once, the forces just after the start are compared instead. None is also returned if
+        the method of the leap fails.
         """
         options = {"rtol": None, "atol": None, "max_steps": MOST_LEAP_STEPS}
         run = self.method().integrate(part_of(self.problem, state.t, end, state.y.copy(), **options))
@@ -199,10 +204,10 @@ class Continuations:
         state.y[:] = y
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:
-        """Return True if the accelerations at both ends of a step are nearly equal, or change gradually.
+        """Return True if the accelerations at both ends of a leap are nearly equal, or change gradually.
 
-        `points` are pairs of time and state (2n,) at the start of the step, early in it, and at its end. The change is
-        gradual if little of it happens before the early point.
+        `points` are pairs of time and state (2n,) at the start of the leap, early in it, and at its end. The change is
+        gradual if at most the share `GROWTH` of it happens before the early point.
         """
         model, parameters = self.problem.model, self.problem.parameter_array
         kernel, v = model.kernel("rhs"), model.layout.v

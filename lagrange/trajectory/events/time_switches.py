@@ -22,11 +22,12 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray
 
 SIDES_PER_STEP = 4
-"""Number of times within a longest step at which the signs of surfaces are compared, at most the number of stages."""
+"""Number of times, within the longest step that is allowed, at which the signs of surfaces of time are compared. It is
+at most the number of stages of the method."""
 
 SWITCH_MARGIN = 2.0
-"""Distance before a switching surface of time at which a step ends, in spacings of floating-point times. Rounding
-changes the times of the step's stages by one spacing."""
+"""Time between the end of a step and the switching surface of time that follows, in spacings of floating-point times.
+Rounding changes the times of the step's stages by one spacing, and no stage may lie behind the surface."""
 
 TOGETHER = 4
 """Largest distance between the last time before a change of sign of a surface and the first time after it, in spacings
@@ -37,8 +38,8 @@ LEAST = 2.0**-80
 t = 0 floating-point times are so close that dense output over one spacing between them cannot be computed."""
 
 SPREAD = 2.0 ** np.arange(32)
-"""Distances from an estimate of the time at which a surface changes sign, in spacings of times, at which its sign is
-tested."""
+"""Distances in time, in spacings of floating-point numbers, from the estimated zero of a surface of time. The sign of
+the surface is tested at these distances before and after the estimate."""
 
 _SURFACES: WeakKeyDictionary[Model, tuple[Node, ...]] = WeakKeyDictionary()
 

@@ -169,24 +169,26 @@ class GuardedRhs:
 S = DriverState
 
 FIRST_STEP_SPACINGS = 64
-"""Shortest first step, in spacings of floating-point times. SciPy fails below ten."""
+"""Shortest first step of a solver, in spacings of floating-point times. SciPy's solvers fail below ten spacings."""
 
 MOST_UNMOVED = 20
 """Largest number of successive steps that do not change the time. LSODA begins with two at t = 1e9."""
 
 INTERPOLANT_BYTES = 300
-"""Measured size of the path over a step in bytes, without its values."""
+"""Measured size in bytes of the object for the dense output of one step, without its numbers. It is for the limit of
+memory."""
 
 UNREAD_BYTES, UNREAD_ENTRIES = 1400, 10
-"""Size of a path that is still SciPy's object: a number of bytes, and a number of doubles for each entry of the state.
-The measured size is 1,310 to 1,540 bytes with 2 entries, and up to 2,850 with 20."""
+"""Size of the dense output of one step that is still SciPy's object, for the limit of memory: a number of bytes, and a
+number of doubles for each entry of the state. The measured size is 1,310 to 1,540 bytes with 2 entries of the state,
+and up to 2,850 with 20."""
 
 _ACCEPTED = np.zeros(S.SURVEYED + 1, dtype=np.int64)
 _ACCEPTED[[S.ROWS, S.STEPS]] = 1
 """Increments of a driver's counts for an accepted step, added in one operation, which Ctrl-C cannot divide."""
 
 Unread = partial[StepInterpolant]
-"""A function that reads the path over a step when it is first called."""
+"""A function that makes the dense output of one step when it is needed, from the solver's own object."""
 
 
 class Stepper(Protocol):

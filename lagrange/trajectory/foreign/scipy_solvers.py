@@ -115,7 +115,7 @@ class ScipyMethod(ABC):
     claims: ClassVar[Claims]
     solver: ClassVar[Callable[..., OdeSolver]]
     degree: ClassVar[int]
-    """The highest degree of the polynomials between its steps."""
+    """The highest degree of the polynomials that the solver uses as dense output of its steps."""
     from_zero: ClassVar[bool] = False
     """True if the solver gets the time since its start, because it loses precision at large times."""
     stages: ClassVar[int] = 0

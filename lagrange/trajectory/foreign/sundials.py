@@ -30,7 +30,7 @@ TINIEST = 1e-140
 """Time spans below this count as zero, because CVODE divides by squares of fractions of the span."""
 
 _REACHED = 1
-"""CVODE's return code for reaching the end."""
+"""The code that CVODE returns from a step that reached the end of the run."""
 
 
 @final
@@ -192,7 +192,7 @@ class _OtherThreads:
 
 _OUT: Any = _OtherThreads()
 _STEPPING = threading.RLock()
-"""Lock during a step in which printing is suppressed, because sys.stdout is replaced meanwhile."""
+"""Lock that is held during a step whose printing is suppressed, because sys.stdout is replaced meanwhile."""
 
 
 @contextmanager

@@ -19,36 +19,36 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 LARGEST_LOSS, LOSS_WITH_CONTROL = 1.0, 1e3
-"""A run is unreliable if the energy changes by more than the first fraction of the kinetic energy at the mean speed.
-With error control the fraction is at most the second number times the root of rtol: 3 % at the default rtol of 1e-9,
-which a million oscillations by dop853 do not reach. The kinetic energy at the mean speed is a quarter of the final one
-in a fall from rest, and two fifths of the largest one in an oscillation. Two bodies that pass through one another
-change the energy by 0.5 to 100 times that."""
+"""Largest change of a conserved energy in a reliable run, as a fraction of the kinetic energy at the mean speed. The
+first number is for fixed steps. With error control the fraction is at most the second number times sqrt(rtol). This is
+3 % at the default rtol of 1e-9, which a million oscillations by dop853 do not reach. The kinetic energy at the mean
+speed is a quarter of the final one in a fall from rest, and two fifths of the largest one in an oscillation. Two bodies
+that pass through one another change the energy by 0.5 to 100 times the kinetic energy at the mean speed."""
 
 NOTABLE_CHANGE, SMALL_CHANGE = 1e-5, 1e-2
-"""Changes of the energy that need no further test: relative to the energy, and to the kinetic energy at either end. A
-run at default tolerances changes the energy by 1e-12 to 1e-7, so that its test costs one evaluation. The first number
-is small because the energy may be large only by the choice of its zero."""
+"""Largest changes of a conserved energy that need no further test: as a fraction of the energy, and of the kinetic
+energy at the start or the end of the run. At default tolerances the energy changes by 1e-12 to 1e-7, so that the test
+costs one evaluation. The first number is small because the energy may be large only by the choice of its zero."""
 
 SPEED_SAMPLES = 64
 """Number of equal parts of a time span. The mean speed over the span is computed from the speeds at their ends."""
 
 ROUND_OFF_DISPLACEMENT = 1e-10
-"""Relative displacement that counts as rounding and error within the tolerance. A body at rest in equilibrium has
-energies of that size, which no method conserves."""
+"""Change of an entry of the initial state, as a fraction of the largest entry, that counts as rounding or as an error
+within the tolerance. The energy that it causes for a body at rest in equilibrium is not conserved by any method."""
 
 FIRST_DISPLACEMENT = 1e-3
-"""Displacement of the initial coordinates along the first acceleration, relative to the largest coordinate. The change
-of the energy over it is part of the estimated rounding error of the initial energy, since the motion has only begun
-there. After one Euler step from rest the kinetic energy has a relative error of 1, but the error of the state is half
-of the squared step."""
+"""Displacement of the initial coordinates along the first acceleration, as a fraction of the largest coordinate. The
+change of the energy by it counts as rounding of the initial energy, because the motion has hardly begun there.
+After one Euler step from rest the kinetic energy has a relative error of 1, but the error of the state is only half of
+the squared step."""
 
 DIRECTIONS = 8
 """Number of displacements of the initial state from which the rounding error of its energy is estimated."""
 
 
 def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
-    """Return the trajectory of a run from the energy `before`, with the status UNRELIABLE if this is not conserved.
+    """Return the trajectory of a run, with the status UNRELIABLE if it does not conserve its initial energy `before`.
 
     The status changes only if the equations of motion conserve the energy. `adaptive` is False for fixed steps, which
     may jump over a collision or a singular configuration without an error. If an event reset the state, the energy just
@@ -111,11 +111,11 @@ def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
 
 
 def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float) -> float:
-    """Return the kinetic energy at the mean speed of the run from its start to the time `until`.
+    """Return the kinetic energy at the mean speed of a run from its start to the time `until`.
 
-    The speed is the square root of the kinetic energy. Unlike the energy, this value does not depend on the zero of the
-    potential. Unlike the kinetic energy of one state, it is not zero at a turning point, and a close encounter does not
-    dominate it.
+    The speed of the system is here the square root of its kinetic energy. Unlike the energy, the result does not depend
+    on the zero of the potential. Unlike the kinetic energy of one state, it is not zero at a turning point, and a close
+    encounter does not dominate it.
     """
     t, y = trajectory.t, trajectory.y
     times = np.linspace(problem.t0, until, SPEED_SAMPLES + 1)
@@ -130,17 +130,20 @@ def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float)
 
 
 def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
-    """Return |v.p| / 2 (K,) of states (2n, K): the kinetic energy, if it is quadratic in the velocities."""
+    """Return |v.p| / 2 (K,) for states (2n, K) with velocities v and momenta p.
+
+    It is the kinetic energy if that is quadratic in the velocities.
+    """
     q, v = problem.model.layout.split(y)
     momenta = problem.model.momenta(q, v, problem.t0, problem.parameter_array)
     return np.asarray(np.abs(np.sum(v * momenta, axis=0)) / 2)
 
 
 def _noise(problem: Problem, before: float) -> float:
-    """Return the rounding error of the initial energy, `before`.
+    """Return an estimate of the rounding error of the initial energy `before`.
 
-    It is the largest change of the energy if the initial state changes in several directions by rounding, or by a tiny
-    first step.
+    It is the largest change of the energy if the initial state changes by rounding, in one of several directions, or by
+    a tiny first step.
     """
     layout, y0 = problem.model.layout, problem.y0
     sizes = np.concatenate([np.full(len(part), np.abs(part).max()) for part in layout.split(y0)])
@@ -157,7 +160,8 @@ def _finite(values: FloatArray) -> FloatArray:
 
 
 _NEAR_ZERO = 1e-3
-"""Initial energy, relative to the exchanged kinetic energy, below which it is too small a difference for a scale."""
+"""Magnitude of the initial energy, as a fraction of the largest |v.p| / 2, below which it is not a scale for changes of
+the energy. It is then only the small difference of larger energies."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -201,10 +205,10 @@ class EnergyDrift:
 
 
 def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the times (N,) and states (2n, N) of the run's outputs from the start of the run on, and True.
+    """Return the times (N,) and states (2n, N) of a run's outputs, beginning with the start of the run, and True.
 
-    If the outputs do not contain the start, it is put before them. If its state cannot be computed either, the outputs
-    alone and False are returned.
+    If the outputs do not contain the start, it is added before them. If its state cannot be computed, the outputs alone
+    and False are returned.
     """
     first, t, y = run.span[0], run.t, run.y
     if not len(t) or t[0] == first:
@@ -246,7 +250,8 @@ def energy_drift(
 # --- momenta
 
 MOST_COORDINATES = 12
-"""Largest number of coordinates for which the status card has momenta: the test for 30 links takes 0.3 s."""
+"""Largest number of coordinates of a system whose conserved momenta are on the status card of a run. For a chain of 30
+links the test for such momenta takes 0.3 s."""
 
 SIZE_SAMPLES = 200  # Largest number of output times at which the sizes of terms are evaluated
 MOST_LINES = 3  # Largest number of momenta on the status card and in the plot
@@ -256,7 +261,8 @@ def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Para
     """Return the relative changes of the momenta of ignorable coordinates since the first time, (N,) each, by name.
 
     A change is relative to the largest magnitude of the momentum or of its terms M_ij v_j, since a momentum may be
-    zero. Ignorable coordinates need no search, unlike other symmetries. States y are (2n, N), times t (N,).
+    zero. States y are (2n, N), and times t (N,). Momenta of other symmetries are left out, because they would have to
+    be searched for.
     """
     structure = model.equations.structure
     indices = list(structure.cyclic) if len(structure.names) <= MOST_COORDINATES else []

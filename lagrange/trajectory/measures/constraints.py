@@ -20,15 +20,17 @@ from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_RELATED_POINTS = 3
-"""Largest number of points whose relation by a constraint is tested: distances relate two, angles three."""
+"""Largest number of named points among which the points of one constraint are searched together. A distance relates two
+points, an angle three."""
 
 POINT_SAMPLES = 9
 """Number of equally spaced states of a run that decide on which points a constraint acts."""
 
 ROW_RESIDUAL = 1e-9
-"""Relative residual of a row of G, and relative singular value, that count as zero.
+"""Largest relative residual that counts as zero in the test whether forces on points give a constraint's row of G.
 
-It is far above the rounding of doubles, and far below the residual of a row with a component in another direction.
+Relative singular values up to this number also count as zero. The number is far above the rounding of doubles, and far
+below the residual of a row that no such forces give.
 """
 
 
@@ -60,8 +62,8 @@ class ConstraintForces:
     def _from(self, begin: int, end: int) -> FloatArray:
         """Return the multipliers (m, k) of all constraints at the states from index `begin` to before `end`.
 
-        They are NaN at states that do not determine them. Such a state is found by bisection; usually it is the last
-        one, where a run ended.
+        They are NaN at states that do not determine them, such as the last state of a run that ended at a singular
+        configuration. Such states are found by bisection.
         """
         try:
             which = slice(begin, end)
@@ -134,9 +136,9 @@ class ConstraintForces:
     def _acted_on(self, name: str, rows: FloatArray) -> tuple[str, ...]:
         """Return the names of the points on which the constraint `name` acts.
 
-        `rows` (n, N) is the constraint's row of G. The constraint must be a function phi of the positions r of these
-        points alone. The force on each point is then lambda dphi/dr. The smallest set of points is taken. Raises
-        StatementError if there is no such set, or if there are several.
+        `rows` (n, N) is the constraint's row of the gradient G at N states. The constraint must be a function phi of
+        the positions r of these points alone. The force on each point is then lambda dphi/dr. The smallest such set of
+        points is taken. Raises StatementError if there is no such set, or if there are several of the same size.
         """
         samples = np.unique(np.linspace(0, len(self.t) - 1, POINT_SAMPLES).astype(int)) if len(self.t) else np.arange(0)
         moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, samples]).max(initial=0.0) > 0]
@@ -165,10 +167,10 @@ class ConstraintForces:
 
 
 def _unique(slopes: FloatArray, row: FloatArray) -> bool:
-    """Return True if row = slopes^T F has exactly one solution F, the force on the points per unit multiplier.
+    """Return True if row = slopes^T F has exactly one solution F (k,), the forces on some points per unit multiplier.
 
     `slopes` (k, n) are the derivatives of the k entries of the points' positions by the coordinates. `row` (n,) is the
-    constraint's row of G. Both are values at one state.
+    constraint's row of the gradient G. Both are values at one state.
     """
     if len(slopes) > slopes.shape[1] or not (np.isfinite(slopes).all() and np.isfinite(row).all()):
         return False
@@ -178,11 +180,12 @@ def _unique(slopes: FloatArray, row: FloatArray) -> bool:
 
 
 CANCELS = 0.5
-"""The terms of a constraint cancel if the constraint is below this fraction of their sizes."""
+"""Largest value of a constraint, as a fraction of the sum of magnitudes of its terms, at which its terms cancel. In a
+constraint such as y = 0 they do not."""
 
 DRIFT_SAMPLES = 9
-"""Number of states along the run from which the scale of violations of a constraint without cancelling terms is
-computed. The scale is the largest of their values."""
+"""Number of states along the run at which the scale of a constraint without cancelling terms, such as y = 0, is
+computed. Its violations are relative to the largest of these scales."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -190,9 +193,9 @@ class ConstraintDrift:
     """The violations (m, N) of the constraints along a run, each relative to the scale of its constraint.
 
     The scale is the largest size of the constraint's terms along the run. If no terms cancel, as in y = 0, it is the
-    gradient times the sizes of the entries of the state. `positions` are the violations of phi, and zero for
-    constraints stated in velocities. `velocities` are the violations of dphi/dt, or of the constraint that is stated in
-    velocities. `holonomic` is True if a constraint is stated in coordinates.
+    gradient times the largest entry of the state. `positions` are the violations of constraints phi that are stated in
+    coordinates, and zero for others. `velocities` are the violations of dphi/dt, or of constraints that are stated in
+    velocities. `holonomic` is True if at least one constraint is stated in coordinates.
     """
 
     positions: FloatArray
@@ -210,7 +213,10 @@ class ConstraintDrift:
 
     @property
     def card(self) -> dict[str, float | None]:
-        """The largest violations of the run in "positions" and "velocities", or None if one is not finite."""
+        """The largest relative violations in the run, with the keys "positions" and "velocities", for its status card.
+
+        A value that is not finite is None. Without constraints on coordinates there is no key "positions".
+        """
         return {name: value if math.isfinite(value) else None for name, value in self._largest.items()}
 
     def sentence(self) -> str:
@@ -226,7 +232,10 @@ class ConstraintDrift:
 
 
 def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> ConstraintDrift | None:
-    """Return the constraints' violations in states y (2n, N) at times t (N,), or None without constraints or states."""
+    """Return the violations of the constraints in states y (2n, N) at times t (N,).
+
+    The result is None without constraints or without states.
+    """
     values, constraints = model.parameter_array(parameters), model.equations.stated
     if not len(constraints) or not len(t):
         return None
@@ -244,9 +253,9 @@ def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Par
 def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return the scales (2m,) for violations of constraints whose terms do not cancel, such as y = 0.
 
-    First come the scales of the m constraints phi on positions, then the scales of their rates dphi/dt. A scale is the
-    gradient times the sizes of the state's entries, the largest over some sample states. `t` (N,) and `y` (2n, N) are
-    the times and states of the run.
+    First come the scales of the m constraints in positions, zero for constraints stated in velocities, then those in
+    velocities. A scale is the gradient times the largest entry of the state, at the sample state where this is largest.
+    `t` (N,) and `y` (2n, N) are the times and states of the run.
     """
     residuals, mass = residuals_of(model), model.interpreted("mass_matrix")
     m = len(model.equations.stated)

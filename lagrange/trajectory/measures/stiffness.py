@@ -32,15 +32,18 @@ NEAR_LIMIT = 0.6
 most 0.7, and only at rtol = 1e-3. The steps of stiff runs vary from about 0.7 to 1."""
 
 MOST_OVERSHOOT = 1.5
-"""Length of a step, relative to the limit of stability, from which on the message calls it beyond the limit and not
-near the limit. Steps with step control are shorter. Longer fixed steps are possible, but the run then fails."""
+"""Length of a step, as a multiple of the limit of stability, from which on the message on a stiff run says "beyond" the
+limit and not "near" it. Steps with step control are shorter. Longer fixed steps are possible, but the run then fails.
+"""
 
 SLOWER = 30.0
-"""The solution must change more slowly than the limiting mode by this factor. Otherwise the steps resolve the mode."""
+"""Smallest factor by which the solution of a stiff run changes more slowly than the mode that limits the steps. With a
+smaller factor the steps resolve the mode, as they have to."""
 
 NEGLIGIBLE = 1e-4
-"""Smallest scale of a velocity, relative to the speed of the whole system. Both are weighted by the square roots of
-masses. The stiff spring of a pendulum moves so little that its velocity is only the error that the tolerance allows."""
+"""Smallest scale to which changes of a velocity are relative, as a fraction of the speed of the whole system. Both are
+weighted by the square roots of masses. The stiff spring of a pendulum moves so little that its velocity is only the
+error that the tolerance allows."""
 
 LET_THROUGH = 10.0
 """Change of a velocity over a step that may be an error within the tolerance, in units of rtol times the speed. An
@@ -142,10 +145,10 @@ def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any
 
 
 def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatArray, values: FloatArray) -> FloatArray:
-    """Return a quantity of the model, such as "jacobian", at the start of some steps on a path; axis 0 is the step.
+    """Return a matrix of the model, such as "jacobian", at the starts of k steps of a path, (k, rows, columns).
 
-    `steps` (k,) are the indices of the steps, and `values` the parameters. The program is interpreted, because
-    compiling takes longer.
+    `name` is the name of the matrix. `steps` (k,) are the indices of the steps, and `values` the parameters. The
+    program is interpreted, because compiling takes longer.
     """
     states = path.states[steps].T
     kernel = model.interpreted(name)
@@ -154,11 +157,12 @@ def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatAr
 
 
 def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, least: float) -> FloatArray:
-    """Return, for each of k steps, the largest relative change of an entry of the velocity, (k,).
+    """Return the largest relative change of a velocity over each of k steps, (k,).
 
-    `steps` (k,) are the indices of the states before the steps. A change is relative to the largest value of the entry
-    along the run, or to `least` times the speed if that is larger. `velocities` (S+1, n) are the velocities in all
-    accepted states. The diagonals of `masses` (k, n, n), the mass matrices there, weight the entries in the speed.
+    `steps` (k,) are the indices of the states before the steps, and `velocities` (S+1, n) the velocities in all
+    accepted states. A change is relative to the largest value of the velocity along the run. If `least` times the speed
+    of the system is larger, it is relative to that. `masses` (k, n, n) are the mass matrices at the k steps; their
+    diagonals weight the velocities in the speed.
     """
     weights = np.abs(np.diagonal(masses, axis1=1, axis2=2)).mean(axis=0)
     speed = math.sqrt(float(np.mean(np.sum(velocities[steps] ** 2 * weights, axis=1))))

@@ -23,7 +23,7 @@ _CLIPPED = 1e-12
 """Largest fraction of the span by which a time may exceed an end due to rounding. It is then set to that end."""
 
 MOST_LINES = 10_000_000
-"""Largest number of lines that `to_csv(rate=...)` writes. Such a file has some gigabytes."""
+"""Largest number of lines of output that `Solution.to_csv(rate=...)` writes. Such a file has some gigabytes."""
 
 
 def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:
@@ -40,8 +40,8 @@ def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:
 def reached_times(run: Trajectory, t: ArrayLike, width: int = 1) -> FloatArray:
     """Return the user's time or times t as a checked array: () for one time, (K,) for K times.
 
-    The caller computes `width` numbers for each time; this is for the message if memory does not suffice. Raises
-    StatementError for a time that the run did not reach.
+    `width` is how many numbers the caller computes for each time. It serves the message if memory does not suffice.
+    Raises StatementError for a time that the run did not reach.
     """
     times = real_array(t, "t", width=width)
     if times.ndim > 1 or not np.isfinite(times).all():
@@ -75,7 +75,10 @@ def times_at(run: Trajectory, rate: Any) -> FloatArray:
 
 
 def divided(t: FloatArray, parts: int) -> FloatArray:
-    """Return the times `t` with further times (K,) that divide each interval between them into `parts` equal parts."""
+    """Return the times `t`, and between them further times that divide each interval into `parts` equal parts.
+
+    Example: [0, 1, 3] with 2 parts gives [0, 0.5, 1, 2, 3].
+    """
     if len(t) < 2 or parts < 2:
         return t
     inner = t[:-1, None] + np.arange(parts) / parts * np.diff(t)[:, None]

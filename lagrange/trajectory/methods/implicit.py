@@ -118,7 +118,10 @@ def _program(
 
 
 def trapezoidal(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Return y at t + h by the mean of the slopes f at both ends of the step. The slope at the end is the unknown."""
+    """Return y at t + h by the mean of the slopes f at both ends of the step. The slope at the end is the unknown.
+
+    `solve(residuals, guess)` returns the unknown for which the function `residuals` is zero.
+    """
     first = f(t, y)
     k = solve(lambda k: f(t + h, y + (first + k) * (h / 2)) - k, first)
     return y + (first + k) * (h / 2)
@@ -126,14 +129,14 @@ def trapezoidal(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[.
 
 Abscissa = float | Fraction
 Tableau = tuple[tuple[tuple[Any, ...], ...], tuple[Any, ...], tuple[Any, ...]]
-"""A, b and c of a Runge-Kutta method."""
+"""Type of the coefficients of an implicit Runge-Kutta method: the matrix A, the weights b and the abscissae c."""
 
 BITS = 200
-"""Precision of Gauss's points and their coefficients, in bits."""
+"""Number of binary digits to which the points of Gauss's methods and their coefficients A and b are computed."""
 
 
 def lagrange_basis(points: Sequence[Abscissa]) -> list[list[Any]]:
-    """Return the Lagrange polynomials of the points: each is 1 at one point and 0 at the others.
+    """Return the Lagrange polynomials of some points, one for each point: it is 1 there, and 0 at the other points.
 
     A polynomial is the list of its coefficients, the constant first.
     """
@@ -208,7 +211,10 @@ class Collocation:
     c: tuple[Abscissa, ...]
 
     def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-        """Return the state at t + h after a step from y at t."""
+        """Return the state at t + h after a step from y at t. `f(t, y)` returns slopes.
+
+        `solve(residuals, guess)` returns the slopes of the stages for which the function `residuals` is zero.
+        """
 
         def residuals(*slopes: Any) -> tuple[Any, ...]:
             stages = [y + weighted(row, slopes) * h for row in self.A]
@@ -233,6 +239,7 @@ def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Call
     """Return the state at t + h after a step of the formula BDF2 from y at t and the state `before` at t - h.
 
     The parabola through the three states has the slope f(t + h, y_new) at its end, which is the unknown.
+    `solve(residuals, guess)` returns the unknown for which the function `residuals` is zero.
     """
     base = (y * 4 - before) / 3
     k = solve(lambda k: f(t + h, base + k * (h * Fraction(2, 3))) - k, lambda: f(t, y))

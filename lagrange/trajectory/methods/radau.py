@@ -28,11 +28,11 @@ from lagrange.trajectory.methods.implicit import ImplicitMethod, collocation_tab
 from lagrange.trajectory.trajectory import FloatArray
 
 POINTS = {2: (1 / 3, 1.0), 3: ((4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0)}
-"""The zeros of Radau's polynomials on [0, 1], by number of stages."""
+"""The points c of Radau's methods on [0, 1], by number of stages: the zeros of Radau's polynomials."""
 
 DAMPING = {2: 6**-0.5, 3: 1 / (3 + 3 ** (2 / 3) - 3 ** (1 / 3))}
-"""Factor of h J in the damping of the error, by number of stages: 1 / the real eigenvalue of A^-1. For 2 stages both
-eigenvalues are complex, and the factor is 1 / their size."""
+"""Factor gamma in the damping of the error vector by (I - gamma h J)^-1, with the Jacobian J, by number of stages. It
+is 1 / the real eigenvalue of A^-1. For 2 stages both eigenvalues are complex, and gamma is 1 / their size."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class RadauStep:
         return y + Z[-1], error
 
     def embedded(self) -> list[float]:
-        """Return the weights (stages,) with which the increments of the stages enter the error vector."""
+        """Return the weights (stages,) of the stages' increments in the error vector of a step, before its damping."""
         A, _, c = collocation_tableau(POINTS[self.stages])
         # The embedded weights are a quadrature of order s with weight gamma at 0. With hF = A^-1 Z they become weights
         # of Z.
@@ -82,10 +82,10 @@ class RadauStep:
 
 
 def continued(points: Sequence[float], next_points: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
-    """Return values on the next step of the polynomial that has the values `old` at `points` of the last step.
+    """Return the values at `next_points` of the next step of a polynomial that is known on the last step.
 
-    The values are at `next_points`. All points are fractions of their own step. The next step is `ratio` times as long
-    as the last one.
+    The polynomial has the values `old` at the `points` of the last step. All points are fractions of their own step.
+    The next step is `ratio` times as long as the last one.
     """
     basis = [np.poly1d(line[::-1]) for line in lagrange_basis(points)]
 

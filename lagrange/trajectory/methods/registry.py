@@ -23,7 +23,8 @@ from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
 GROUP = "lagrange.integrators"
-"""The entry-point group in which a package registers `name = module:class`. The class is called without arguments."""
+"""The entry-point group in which another package registers a method as `name = module:class`. The class is called
+without arguments."""
 
 FOREIGN_NAMES = {
     "rk45": "dopri5",
@@ -42,7 +43,7 @@ FOREIGN_NAMES = {
     "stormer-verlet": "verlet",
     "runge-kutta": "rk4",
 }
-"""Names of methods in other packages, for the hint after an unknown name."""
+"""Names of methods in other packages, each with the most similar method here, for the hint after an unknown name."""
 
 FAMILIES = (runge_kutta, splitting, implicit, radau, variational, taylor)
 """The modules that define methods, in the order of the table."""
@@ -166,7 +167,7 @@ MARKS: tuple[tuple[str, Callable[[Claims], bool]], ...] = (
     ("energy", lambda claims: claims.energy),
     ("A-stable", lambda claims: claims.a_stable),
 )
-"""Columns of the table that show whether a method makes a claim."""
+"""Columns of the table of methods that show whether a method makes a claim: heading, and test of the claims."""
 
 TITLES = ["method", "order", "step", *(what for what, _ in MARKS), "dense", "about"]  # Headings of the table
 

@@ -32,10 +32,12 @@ from lagrange.trajectory.run_loop import drive_by
 SplittingStages = tuple[tuple[float, float], ...]
 
 CUBE = 1 / (2 - 2 ** (1 / 3))
-"""Outer coefficient of the triple jump, with which the errors of order h^3 cancel."""
+"""First and third coefficient of the triple jump: three steps of a method of order 2, of the sizes c h, (1 - 2 c) h and
+c h. With this c their errors of order h^3 cancel."""
 
 YOSHIDA6 = (0.78451361047755726381949763, 0.23557321335935813368479318, -1.17767998417887100694641568)
-"""First three of seven coefficients of a symmetric composition. The middle coefficient makes the sum 1."""
+"""First three of the seven coefficients of Yoshida's symmetric composition of order 6. The middle one makes the sum
+1."""
 
 KAHAN_LI = (
     0.13020248308889008087881763,
@@ -47,7 +49,8 @@ KAHAN_LI = (
     0.25837438768632204729397911,
     0.29501172360931029887096624,
 )
-"""First eight of seventeen coefficients of a symmetric composition. The middle coefficient makes the sum 1."""
+"""First eight of the seventeen coefficients of Kahan and Li's symmetric composition of order 8. The middle coefficient
+makes the sum 1."""
 
 
 @dataclass(frozen=True)
@@ -276,15 +279,16 @@ def Composition8(step: float | None = None) -> Splitting:
 
 
 def _mirrored(outer: tuple[float, ...]) -> tuple[float, ...]:
-    """Return `outer`, a middle coefficient that makes the sum 1, and `outer` reversed: a symmetric sequence."""
+    """Return symmetric coefficients of a composition: `outer`, the one that makes the sum 1, and `outer` reversed."""
     return (*outer, 1 - 2 * sum(outer), *outer[::-1])
 
 
 WORD_TOLERANCE = 1e-13
-"""Tolerance of a coefficient in an order condition, relative to the size of its terms."""
+"""Tolerance with which the coefficient of a word has to satisfy its order condition, relative to the size of its terms.
+A word is a sequence of kicks and drifts."""
 
 HIGHEST_CHECKED = 10
-"""The highest order that is checked: there are 2046 conditions (words) up to it."""
+"""The highest order of a splitting that is checked. Up to it there are 2046 order conditions."""
 
 
 @lru_cache(maxsize=64)
@@ -311,9 +315,10 @@ def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> 
 
 
 def word_coefficients(order: int, flows: tuple[tuple[str, float], ...]) -> dict[str, float]:
-    """Return the coefficients of all words of 1 to `order` letters in the series of a product of exponentials.
+    """Return the coefficients of all words of 1 to `order` letters in the series of a step of a splitting, by word.
 
-    `flows` has the factors exp(c * letter) in order as pairs (letter, c); "k" is a kick, and "d" a drift.
+    The step is a product of exponentials exp(c * letter), whose letters do not commute. `flows` has the factors in
+    order as pairs (letter, c); "k" is a kick, and "d" a drift.
     """
     words = ["".join(letters) for n in range(order + 1) for letters in product("dk", repeat=n)]
     result = dict.fromkeys(words, 0.0) | {"": 1.0}

@@ -29,7 +29,7 @@ from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.trajectory import FloatArray
 
 TOP_ORDER = 64
-"""The highest order that a user may request."""
+"""The highest order of a Taylor series that a user may request."""
 
 
 @built_in("taylor")
@@ -84,9 +84,9 @@ class Taylor:
 
 @dataclass(frozen=True, eq=False)
 class TaylorPlan:
-    """The plan of a run by Taylor series: the series, its order, the tolerances, and the `events`.
+    """The plan of a run by Taylor series: the `series`, its `order`, the `tolerances`, and the `events`.
 
-    In the series the event functions follow the switching surfaces.
+    The series computes coefficients of the state, then of the switching surfaces, then of the event functions.
     """
 
     series: Series
@@ -109,7 +109,8 @@ class TaylorPlan:
     def driver(self, model: Model, parameters: FloatArray) -> SeriesDriver:
         """Return a driver of the steps for parameters (k,).
 
-        The signs of the switching surfaces follow in its array of parameters. They are NaN until they are known.
+        The driver's array of parameters also has the signs of the switching surfaces, after the parameters. They are
+        NaN until they are known.
         """
         if sides := self.series.program.sides:
             parameters = np.concatenate([parameters, np.full(sides, np.nan)])
@@ -145,7 +146,8 @@ def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]
     """Return the square roots whose zeros end a Taylor series, as a mapping from root to a power of its radicand.
 
     The roots occur in the equations of motion or in the expressions `events`. A square root that is itself an event is
-    left out, because its zeros are found as zeros of the event. The power is a term there, such as x**(1/3).
+    left out, because its zeros are found as zeros of the event. The power is a term of these expressions, such as
+    x**(1/3).
     """
     if not events:
         return model.square_roots

@@ -27,11 +27,11 @@ STEPS_UNDER_BRIEF_FORCE = 1000
 system at rest would pass over such a force without an error."""
 
 LEAST_RTOL = 100 * 2.0**-52
-"""Smallest relative tolerance. Below it rounding exceeds the tolerance."""
+"""Smallest relative tolerance of an adaptive method. The rounding errors of a step would exceed a smaller one."""
 
 
 def check_options(step: Any = None, rtol: Any = None, atol: Any = None) -> None:
-    """Raise StatementError for a step size or tolerance that no run could use, when a method is made."""
+    """Raise StatementError for a step size or tolerance of a method that no run could use. None is not checked."""
     for what, value in (("step", step), ("rtol", rtol), ("atol", atol)):
         if value is not None:
             _number(what, value)
@@ -104,7 +104,10 @@ def check_problem(name: str, problem: Problem) -> None:
 
 
 def check_holonomic(name: str, model: Model) -> None:
-    """Raise StatementError for constraints in velocities or coordinates without inertia, in method `name`."""
+    """Raise StatementError if a model has constraints stated in velocities, or coordinates without inertia.
+
+    The method `name` supports neither.
+    """
     equations = model.equations
     constraints = equations.stated
     stated = [repr(label) for label, phi in zip(constraints.names, constraints.positions, strict=True) if phi is None]
@@ -123,7 +126,10 @@ def check_holonomic(name: str, model: Model) -> None:
 
 
 def check_unconstrained(name: str, model: Model) -> None:
-    """Raise StatementError for constraints and coordinates without inertia, which method `name` does not support."""
+    """Raise StatementError if a model has constraints, or coordinates without inertia.
+
+    The method `name` supports neither.
+    """
     if model.equations.first_order:
         raise StatementError(
             f"{name} finds velocities from momenta, and {model.statement.name} has coordinates without "
@@ -138,9 +144,9 @@ def check_unconstrained(name: str, model: Model) -> None:
 
 
 def _option(name: str, what: str, run_value: Any, method_value: Any) -> float | None:
-    """Return the option `what`, "step", "rtol" or "atol": the run's value, else the value of method `name`, else None.
+    """Return the value of the option `what`, "step", "rtol" or "atol", that the run or the method `name` states.
 
-    Raises StatementError if the run and the method state different values.
+    The result is None if neither states it. Raises StatementError if they state different values.
     """
     both = [_number(what, value) for value in (run_value, method_value) if value is not None]
     if len(both) == 2 and both[0] != both[1]:
@@ -151,7 +157,10 @@ def _option(name: str, what: str, run_value: Any, method_value: Any) -> float | 
 
 
 def _number(what: str, value: Any) -> float:
-    """Return the option `what`, "step", "rtol" or "atol", as a float. Raises StatementError if it is not a number."""
+    """Return the user's value of the option `what`, "step", "rtol" or "atol", as a float.
+
+    Raises StatementError for a value that is not a number in the range of this option.
+    """
     if what == "step":
         return positive_number(value, "step", "give a positive size; the direction follows from the time span")
     if type(value) is float and 0 < value < 1:

@@ -30,15 +30,15 @@ from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux.butcher import CONDITION_TOLERANCE, ButcherTableau, Coefficient
 
 TRIAL_POINTS = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))
-"""Values of (t, h) for the test. Two of them distinguish h**2 from h."""
+"""Times t and step sizes h of the trial calls of a user's step function. Two of them distinguish h**2 from h."""
 
 SHORT_STEP = Fraction(1, 4096)
 """Step size h for the test of a step function that is not a Runge-Kutta step. If the function is consistent, the
 coefficients of its slopes add up to h for short steps, up to an error that is small relative to h."""
 
 SHORT_STEP_TOLERANCE = 1 / 16
-"""Tolerance of the test with a short step. It bounds the relative error of the sum of the slopes' coefficients, and the
-distance of the slopes' times from the start of the step."""
+"""Tolerance of the test of a step function with a short step h. It bounds the error of the sum of the slopes'
+coefficients, as a fraction of h, and the distance of the slopes' times from the start of the step."""
 
 FORMS = "step(f, t, y, h), or step(a, t, q, v, h) to move coordinates and velocities in turn"
 
@@ -157,12 +157,15 @@ def _kind_of(value: object) -> str:
 
 
 def _number(value: Real) -> Coefficient:
-    """Return a number as an exact fraction if it is an integer or rational, else as a float."""
+    """Return a coefficient of a step function as an exact fraction if it is rational, else as a float."""
     return Fraction(value) if isinstance(value, Rational) else float(value)
 
 
 def _refusing(what: str) -> Callable[..., Any]:
-    """Return a method that raises an error. Its text is `what`, with {0}, {1}, ... for the method's arguments."""
+    """Return a method of `TrialVector` for an operation that a step may not use: it raises an error.
+
+    The text of the error is `what`, with {0}, {1}, ... replaced by the method's arguments.
+    """
 
     def refuse(*arguments: object, **_: object) -> NoReturn:
         raise _OtherOperationError(what.format(*arguments[1:]))
@@ -171,7 +174,7 @@ def _refusing(what: str) -> Callable[..., Any]:
 
 
 NUMPY_OPERATIONS = {"add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv}
-"""Operations of a NumPy number with a vector, by their NumPy names."""
+"""Operations that a step may apply to a NumPy number and a vector, by their NumPy names."""
 
 
 class TrialVector(TracedVector):
@@ -183,7 +186,10 @@ class TrialVector(TracedVector):
     __slots__ = ()
 
     def made(self, terms: Mapping[int, Coefficient]) -> Self:
-        """Return the vector with the coefficients `terms`, by index of the combined vector. Zeros are left out."""
+        """Return the linear combination with the coefficients `terms`. They are stored without zeros.
+
+        The keys of `terms` are the indices of the combined vectors: the state, then the slopes.
+        """
         return type(self)({i: c for i, c in terms.items() if c})
 
     def __add__(self, other: Any) -> Self:

@@ -24,13 +24,14 @@ from lagrange.trajectory.integrator import Claims, built_in
 from lagrange.trajectory.methods.implicit import Abscissa, ImplicitMethod, gauss_tableau, lobatto_pair, weighted
 
 Momenta = Callable[..., tuple[Any, Any]]
-"""Function g of a step: g(t, q, v) returns the momenta p and the forces f."""
+"""Type of the function g that a variational step evaluates: g(t, q, v) returns the momenta p and the forces f."""
 
 
 def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
     """Return (q, v) at t + h after a step whose discrete action is the mean of h L at both ends.
 
-    L is taken at the mean velocity of the step, which is unknown like the velocity at the end.
+    L is taken at the mean velocity of the step, which is unknown like the velocity at the end. g(t, q, v) returns
+    momenta and forces. `solve(residuals, guess)` returns the unknowns for which the function `residuals` is zero.
     """
     before, _ = g(t, q, v)
 
@@ -57,7 +58,10 @@ class Galerkin:
     c: tuple[Abscissa, ...]
 
     def __call__(self, g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-        """Return (q, v) at t + h after a step from q and v at t."""
+        """Return (q, v) at t + h after a step from q and v at t. g(t, q, v) returns momenta and forces.
+
+        `solve(residuals, guess)` returns the unknown velocities for which the function `residuals` is zero.
+        """
         A, b, c = self.A, self.b, self.c
         before, _ = g(t, q, v)
 
@@ -91,7 +95,7 @@ def _method(
 ) -> ImplicitMethod:
     """Return the method `name` with fixed steps by the step function `function`, of the claimed `order`.
 
-    `claims` are its other claimed properties. It ends on the constraints if its `law` is "constrained".
+    `claims` are its other claimed properties. With the `law` "constrained" its steps end on the constraints.
     """
     promised = Claims(order, symmetric=True, explicit=False, **claims)
     return ImplicitMethod(name, promised, function, law=law, step=step, holonomic=law == "constrained")
@@ -128,7 +132,8 @@ def DiscreteGradient(step: float | None = None) -> ImplicitMethod:
 
 
 Constrained = Callable[..., tuple[Any, Any, Any, Any, Any]]
-"""Function g of a step with constraints: g(t, q, v, lambda) returns p, f, c, phi and psi."""
+"""Type of the function g that a step with constraints evaluates. g(t, q, v, lambda) returns five vectors: momenta,
+forces, constraint forces, the constraints phi on positions, and psi = dphi/dt."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +151,10 @@ class LobattoPair:
     conjugate: tuple[tuple[Abscissa, ...], ...]
 
     def __call__(self, g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-        """Return (q, v) at t + h after a step from q and v at t."""
+        """Return (q, v) at t + h after a step from q and v at t. `g` is the function of the type `Constrained`.
+
+        `solve(residuals, guess)` returns the unknowns for which `residuals` is zero: velocities and multipliers.
+        """
         b, count = self.b, len(self.b)
         none = q * 0
         before, *_ = g(t, q, v, none)
@@ -185,7 +193,9 @@ RATTLE, LOBATTO4 = (LobattoPair(*lobatto_pair(stages)) for stages in (2, 3))
 def constrained_midpoint(g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
     """Return (q, v) at t + h after a step of the variational midpoint rule, with phi = 0 at both ends.
 
-    The discrete action of the step is h L at its midpoint and mean velocity.
+    phi are the holonomic constraints. The discrete action of the step is h L at its midpoint and mean velocity. `g` is
+    the function of the type `Constrained`. `solve(residuals, guess)` returns the unknowns for which `residuals` is
+    zero.
     """
     none = q * 0
     before, *_ = g(t, q, v, none)

@@ -15,17 +15,20 @@ from lagrange.errors import StatementError, shown
 from lagrange.statement.expression import text, whole_number
 
 Tree = tuple[Any, ...]
-"""A tree is the sorted tuple of its root's subtrees. A leaf is the empty tuple."""
+"""Type of a rooted tree, to which an order condition belongs: the sorted tuple of the subtrees of its root. A tree of
+one node is the empty tuple."""
 
 Coefficient = Fraction | float
 Coefficients = tuple[Coefficient, ...]
 Entry = TypeVar("Entry")
 
 CONDITION_TOLERANCE = 1e-12
-"""Relative tolerance of a condition with float coefficients. A condition with exact coefficients must hold exactly."""
+"""Relative tolerance with which a tableau of floats has to satisfy an order condition. A tableau of exact fractions
+must satisfy it exactly."""
 
 HIGHEST_CHECKED = 10
-"""Highest order that is checked: it has 1205 conditions, and each further order nearly three times as many."""
+"""Highest order of a tableau that is checked. It has 1205 order conditions, and each further order has nearly three
+times as many."""
 
 
 def row(text: str) -> Coefficients:
@@ -101,12 +104,13 @@ class ErrorEstimate:
 
 @dataclass(frozen=True)
 class DenseOutput:
-    """A path inside the step: y(t + theta h) = y + h sum_j b_j(theta) k_j, b_j = sum_m weights[j][m] theta**(m+1).
+    """The dense output of a tableau: y(t + theta h) = y + h sum_j b_j(theta) k_j for theta from 0 to 1.
 
-    `stages` are further rows of A that only the path needs, and `c` are their abscissae. `weights` has a row for each
-    stage of the tableau, then for each further stage. `order` is the order of the path, uniformly in theta. Evaluate
-    the b_j first and then the sum of stages. For DOP853, whose weights reach 545, the rounding error is then 5e-14;
-    Horner's rule on the summed stages has 2e-13 (a pendulum, h = 1).
+    k_j are the slopes of the stages, and b_j(theta) = sum_m weights[j][m] theta**(m+1). `stages` are further rows of A
+    that only the dense output needs, and `c` are their abscissae. `weights` has a row for each stage of the tableau,
+    then for each further stage. `order` is the order for all theta. Evaluate the b_j first and then the sum of stages.
+    For DOP853, whose weights reach 545, the rounding error is then 5e-14; Horner's rule on the summed stages has 2e-13
+    (a pendulum, h = 1).
     """
 
     weights: tuple[Coefficients, ...]
@@ -158,7 +162,7 @@ class ButcherTableau:
 
     @property
     def stages(self) -> int:
-        """The number of stages s, without further stages that only the dense output needs."""
+        """The number s of stages of a step, without further stages that only the dense output needs."""
         return len(self.b)
 
     @property
@@ -310,7 +314,7 @@ def size(tree: Tree) -> int:
 
 @cache
 def density(tree: Tree) -> int:
-    """Return the density gamma of a tree: its weight in the exact solution is theta**size / gamma at fraction theta."""
+    """Return the density gamma of a rooted tree: the order condition of the tree is sum_j b_j Phi_j = 1 / gamma."""
     return size(tree) * prod(map(density, tree))
 
 
