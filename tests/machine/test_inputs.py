@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
+from tests.refusals import refusal
 from tests.statement.examples import VALUES, X, at, driven, theta, u
 
 STATE = [0.7, -1.3]
@@ -54,8 +55,7 @@ def test_a_constraint_that_an_input_moves_needs_its_second_rate() -> None:
 def test_without_a_value_and_in_a_run_an_open_function_is_named() -> None:
     system = driven()
     model = system.compile("numpy")
-    with pytest.raises(lg.StatementError, match="no value for parameters X, X_dot, X_ddot and u"):
-        model.rhs(0.0, STATE)
+    assert "no value for parameters X, X_dot, X_ddot and u" in refusal(model.rhs, 0.0, STATE)
     values = {**at(0.0)}
     for run in (
         lambda: system.run(1.0, parameters=values),
@@ -65,8 +65,7 @@ def test_without_a_value_and_in_a_run_an_open_function_is_named() -> None:
         system.check,
         system.conserved,
     ):
-        with pytest.raises(lg.StatementError, match="X and u are given functions of time, and have no values"):
-            run()
+        assert "X and u are given functions of time, and have no values" in refusal(run)
 
 
 def test_solve_ivp_takes_inputs_as_functions_of_time() -> None:
@@ -86,12 +85,10 @@ def test_solve_ivp_takes_inputs_as_functions_of_time() -> None:
 
 def test_functions_of_inputs_are_asked_for_by_name() -> None:
     opened, valued = models("numpy")
-    with pytest.raises(lg.StatementError, match=r"no function for inputs X, X_dot, X_ddot and u: give inputs="):
-        opened.as_scipy()
+    assert "no function for inputs X, X_dot, X_ddot and u: give inputs=" in refusal(opened.as_scipy)
     with pytest.raises(lg.StatementError, match=r"'w' is not an input of this system; they are X, X_dot, X_ddot and u"):
         opened.as_scipy(inputs={"w": abs})
-    with pytest.raises(lg.StatementError, match=r"'u' is not an input of this system; it has none"):
-        valued.as_scipy(inputs={u: abs})
+    assert "'u' is not an input of this system; it has none" in refusal(valued.as_scipy, inputs={u: abs})
     with pytest.raises(lg.StatementError, match=r"the input u is .*: give a function of the time"):
         opened.as_scipy(inputs={u: 2.0})
     with pytest.raises(
@@ -99,8 +96,7 @@ def test_functions_of_inputs_are_asked_for_by_name() -> None:
     ):
         opened.as_scipy(inputs={X: abs, X.dot: abs, X.ddot: abs, u: lambda t, y: t})
     problem = opened.as_scipy(inputs={X: abs, X.dot: abs, X.ddot: abs, u: lambda t: "much"})
-    with pytest.raises(lg.StatementError, match="the input at t = 0"):
-        problem.fun(0.0, STATE)
+    assert "the input at t = 0" in refusal(problem.fun, 0.0, STATE)
 
 
 # --- mass matrix ----------------------------------------------------------------------------------------------

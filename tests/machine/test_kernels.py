@@ -16,7 +16,7 @@ import lagrange as lg
 from lagrange.algorithm.series.packing import pack
 from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError
 from lagrange.graph import node as rebuilding
 from lagrange.graph.node import Binding, Graph, Node
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
@@ -36,6 +36,7 @@ from lagrange.statement.statement import Statement
 from tests.covering import Share
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, positive
 from tests.models import m, shared_scene, stated
+from tests.refusals import refusal
 from tests.series_systems import HELD, ladder, rods
 
 TARGETS = ("llvm", "numpy")
@@ -97,8 +98,7 @@ def test_what_is_given_is_not_changed_and_results_are_new(model: Model) -> None:
 
 @pytest.mark.parametrize("t", [float("nan"), float("inf")])
 def test_a_time_that_is_no_number_is_told(model: Model, t: float) -> None:
-    with pytest.raises(StatementError, match="time t"):
-        model.rhs(t, STATE)
+    assert "time t" in refusal(model.rhs, t, STATE)
 
 
 @pytest.mark.parametrize("t", [np.float64(0.25), np.array([0.25])[0]])
@@ -314,8 +314,7 @@ def test_the_inertia_of_a_lone_coordinate_is_looked_up_without_the_whole_matrix(
     zeros = np.zeros(40)
     assert model.column_without_inertia(0.0, zeros, zeros, np.empty(0)) is None
     assert len(model._masses.program.outputs) == 40
-    with pytest.raises(StatementError, match=r"v has shape \(3,\)"):
-        model.column_without_inertia(0.0, zeros, np.zeros(3), np.empty(0))
+    assert "v has shape (3,)" in refusal(model.column_without_inertia, 0.0, zeros, np.zeros(3), np.empty(0))
 
 
 @pytest.mark.slow

@@ -24,6 +24,7 @@ from lagrange.machine.llvm import engine
 from lagrange.machine.model import Model
 from lagrange.program.catalogue import QUANTITIES, program_of
 from tests.models import SYSTEMS, TARGETS, M, build, k, m, model, shared_scene, x, y, z
+from tests.refusals import refusal
 
 WIDTHS = (1, 2, 7, 8, 9, 64)
 KEPT: list[Any] = []
@@ -183,8 +184,7 @@ def test_other_defaults_change_the_values_and_compile_nothing(target: str) -> No
     assert other.accelerations([0.3], [0.2]) == first.accelerations([0.3], [0.2], parameters={"l": 2.0}) != before
     assert first.accelerations([0.3], [0.2]) == before
     assert pickle.loads(pickle.dumps(other)).statement.defaults == other.statement.defaults
-    with pytest.raises(lg.StatementError, match="mass"):
-        first.with_defaults({"mass": 1.0})
+    assert "mass" in refusal(first.with_defaults, {"mass": 1.0})
 
 
 # --- refusals -------------------------------------------------------------------------------------------------

@@ -276,8 +276,7 @@ def test_what_is_no_symmetry_is_refused_with_its_rate() -> None:
     with pytest.raises(StatementError, match=r"changes at the rate .* It does not keep the constraint wire\.$"):
         held.noether({x: -y, y: x})
     driven = lg.System(T(FLAT), constraints={"wall": x - sin(lg.t)}, name="wall")
-    with pytest.raises(StatementError, match="not a symmetry of wall"):
-        driven.noether({lg.t: 1})
+    assert "not a symmetry of wall" in refusal(driven.noether, {lg.t: 1})
 
 
 def test_what_cannot_be_proven_is_not_claimed() -> None:

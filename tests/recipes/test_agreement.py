@@ -26,6 +26,7 @@ from tests.laws.test_random_systems import kinetic_energies, states, x, y
 from tests.models import LLVM_FIRST, build, k, phi
 from tests.recipes.agreement import EPS, OWN, SCENES, apart, named, sensitivity, singular, unbounded
 from tests.recipes.agreement import states as states_of
+from tests.refusals import refusal
 
 Function = Callable[[float, Any, Any], Any]
 CASADI, JAX, SYMPY = "casadi", "jax", "sympy"
@@ -232,14 +233,12 @@ def test_terms_of_first_order_need_no_unit_of_energy() -> None:
         return lg.System(stated.kinetic, forces=forces, dissipation=stated.dissipation, dimensions=units)
 
     assert not with_units().statement.dimensions[phi].exponents
-    with pytest.raises(StatementError, match=r"the equation of i has the term -R\*i"):
-        with_units(R="H")
+    assert "the equation of i has the term -R*i" in refusal(with_units, R="H")
     with pytest.raises(
         StatementError, match=r"i has the term u, whose unit is 0.001 times .*: state u in V instead of mV"
     ):
         with_units(u="mV")
-    with pytest.raises(StatementError, match=r"the equation of e has the term -e, in 1 - e"):
-        lowpass(dimensions={e: "V"})
+    assert "the equation of e has the term -e, in 1 - e" in refusal(lowpass, dimensions={e: "V"})
 
 
 def rabbits() -> lg.System:
@@ -344,14 +343,10 @@ def test_a_velocity_of_zero_that_contradicts_a_nonlinear_equation_is_refused(tar
     """The equation 1 - e = e.dot + e.dot**3 is nonlinear in the velocity."""
     cubic = lg.System(kinetic=0, forces={e: 1 - e}, dissipation=e.dot**2 / 2 + e.dot**4 / 4)
     model = cubic.compile(target, check=False)
-    with pytest.raises(StatementError, match=r"e has no inertia, and its velocity in y is 0, which contradicts"):
-        model.rhs(0.0, [0.0, 0.0])
-    with pytest.raises(StatementError, match=r"Start from model.as_scipy"):
-        model.rhs(0.0, [[1.0, 0.0], [0.0, 0.0]])
-    with pytest.raises(StatementError, match=r"e has no inertia"):
-        model.jacobian(0.0, [0.0, 0.0])
-    with pytest.raises(StatementError, match=r"e has no inertia"):
-        model.accelerations([0.0], [0.0])
+    assert "e has no inertia, and its velocity in y is 0, which contradicts" in refusal(model.rhs, 0.0, [0.0, 0.0])
+    assert "Start from model.as_scipy" in refusal(model.rhs, 0.0, [[1.0, 0.0], [0.0, 0.0]])
+    assert "e has no inertia" in refusal(model.jacobian, 0.0, [0.0, 0.0])
+    assert "e has no inertia" in refusal(model.accelerations, [0.0], [0.0])
     # At rest in equilibrium, and where a velocity was given: 1 - e = 2 and (1 + 3 e'**2) e'' = -e'.
     assert model.rhs(0.0, [1.0, 0.0]).tolist() == [0.0, 0.0]
     assert model.rhs(0.0, [-1.0, 1.0]).tolist() == [1.0, -0.25]
@@ -365,8 +360,7 @@ def test_velocities_are_found_where_their_equation_has_no_slope_at_rest() -> Non
 
 def test_velocities_with_two_solutions_are_not_chosen() -> None:
     system = lg.System(kinetic=0, forces={e: 1 - e}, dissipation=e.dot**3 / 3)
-    with pytest.raises(StatementError, match=r"e, without inertia, are not determined at the initial state"):
-        system.run(1.0)
+    assert "e, without inertia, are not determined at the initial state" in refusal(system.run, 1.0)
 
 
 @needs_cc
@@ -423,8 +417,7 @@ def test_modes_and_linear_equations_name_the_states_without_inertia() -> None:
     )
     with pytest.raises(StatementError, match=r"not an equilibrium of lowpass, and e has no inertia.*equilibria"):
         lowpass().modes()
-    with pytest.raises(StatementError, match=r"not an equilibrium of motor, and i has no inertia"):
-        motor().linearize({i: 1.0})
+    assert "not an equilibrium of motor, and i has no inertia" in refusal(motor().linearize, {i: 1.0})
     for system, point in ((lowpass(), {e: 1}), (both, {})):
         with pytest.raises(
             StatementError,

@@ -27,6 +27,7 @@ from lagrange.statement.coordinate import coordinate, t
 from tests.models import build, c, g, l, m, model, theta, x, y, z
 from tests.models import model as shared
 from tests.recipes.agreement import apart, named, singular, states
+from tests.refusals import refusal
 
 
 @pytest.fixture
@@ -306,8 +307,7 @@ def test_events_are_those_of_our_runs() -> None:
 def test_a_reset_and_an_unknown_event_are_refused() -> None:
     with pytest.raises(StatementError, match=r"event 0 has a reset, which SciPy's solvers do not know: end there with"):
         pendulum().as_scipy(events=lg.event(theta, reset={theta.dot: -theta.dot}))
-    with pytest.raises(StatementError, match="event 0 contains x"):
-        pendulum().as_scipy(events=[x])
+    assert "event 0 contains x" in refusal(pendulum().as_scipy, events=[x])
 
 
 def test_the_initial_state_is_that_of_a_run() -> None:
@@ -319,8 +319,7 @@ def test_the_initial_state_is_that_of_a_run() -> None:
     with pytest.raises(StatementError):
         problem.y0(off)
     assert problem.arguments((1, 2))["t_span"] == (1.0, 2.0) and len(problem.arguments((0, 1))["y0"]) == 2 * n
-    with pytest.raises(StatementError, match="the time span is 3"):
-        problem.arguments(alone)
+    assert "the time span is 3" in refusal(problem.arguments, alone)
 
 
 def test_a_given_table_is_not_left() -> None:
@@ -328,8 +327,7 @@ def test_a_given_table_is_not_left() -> None:
     model = build("numpy", kinetic=m * (x.dot + drive.dot) ** 2 / 2, potential=x**2, initial={x: 1.0})
     problem = model.as_scipy()
     assert solve_ivp(**problem.arguments((0.0, 3.0))).success
-    with pytest.raises(StatementError, match="drive"):
-        problem.arguments((0.0, 4.0))
+    assert "drive" in refusal(problem.arguments, (0.0, 4.0))
 
 
 def test_a_state_of_first_order_follows_a_jump_of_its_input() -> None:
@@ -428,8 +426,7 @@ def test_a_matrix_without_pivots_is_refused() -> None:
     code += [Instruction("solve", (2, 1, 1), order=2), Instruction("component", (3,))]
     block = (ProgramBlock("y", 1),)
     program = Program("f", block, 0, tuple(code), 0, (4,), (ProgramBlock("value", 1),), (1,))
-    with pytest.raises(StatementError, match="the mass matrix is singular at every state"):
-        _Writer(program, t, [m], [], iter([y])).results()
+    assert "the mass matrix is singular at every state" in refusal(_Writer(program, t, [m], [], iter([y])).results)
 
 
 # --- the functions for CasADi: names, both kinds of symbols, singular matrices, undefined values ---------------
@@ -451,5 +448,4 @@ def test_no_parameters_and_unknown_symbols() -> None:
     assert not of.parameter_array().size
     time, y = list(states(of))[1]
     np.testing.assert_allclose(of.as_casadi()(time, y, []).full().ravel(), of.rhs(time, y), rtol=1e-14)
-    with pytest.raises(StatementError, match="'DM' is not a kind of CasADi's symbols: they are SX and MX"):
-        of.as_casadi(symbols="DM")
+    assert "'DM' is not a kind of CasADi's symbols: they are SX and MX" in refusal(of.as_casadi, symbols="DM")

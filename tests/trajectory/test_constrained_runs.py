@@ -315,8 +315,7 @@ def test_constraints_that_follow_only_where_all_hold() -> None:
 
 
 def test_more_constraints_than_coordinates_may_follow_from_one_another() -> None:
-    with pytest.raises(StatementError, match="3 constraints"):
-        pendulum([ROD, 2 * ROD, 3 * ROD])
+    assert "3 constraints" in refusal(pendulum, [ROD, 2 * ROD, 3 * ROD])
     assert pendulum([ROD, 2 * ROD, 3 * ROD], redundant="allow").run(0.1).status is lg.Status.SUCCESS
 
 

@@ -18,6 +18,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, k, m, model, shared_scene, x, y
+from tests.refusals import refusal
 from tests.trajectory.runs import FIXED, NAMES, planned, run
 
 
@@ -159,20 +160,16 @@ def test_threads_share_a_flow_from_its_first_call_with_parameters_of_their_own(m
 @pytest.mark.parametrize("target", TARGETS)
 def test_what_is_not_a_state_or_a_time_is_refused(target: str) -> None:
     flow = flow_of(model("Henon-Heiles", target))
-    with pytest.raises(StatementError, match=r"y0 has shape \(3,\): give \[q, v\] of shape \(4,\)"):
-        flow([0, 0, 0], 0.0, 1.0)
-    with pytest.raises(StatementError, match=r"y0 has shape \(4, 2\)"):
-        flow(np.zeros((4, 2)), 0.0, 1.0)
-    with pytest.raises(StatementError, match="y0 has entries of type complex128: give real numbers"):
-        flow(START * 1j, 0.0, 1.0)
+    assert "y0 has shape (3,): give [q, v] of shape (4,)" in refusal(flow, [0, 0, 0], 0.0, 1.0)
+    assert "y0 has shape (4, 2)" in refusal(flow, np.zeros((4, 2)), 0.0, 1.0)
+    assert "y0 has entries of type complex128: give real numbers" in refusal(flow, START * 1j, 0.0, 1.0)
     times: list[tuple[Any, str]] = [(math.nan, "is nan: give a finite number"), (math.inf, "is inf")]
     for bad, message in [*times, (1j, "complex number"), ("1", "give a number")]:
         with pytest.raises(StatementError, match=f"the last time .*{message}"):
             flow(START, 0.0, bad)
         with pytest.raises(StatementError, match=f"the first time .*{message}"):
             flow(START, bad, 1.0)
-    with pytest.raises(StatementError, match="'z' is not a parameter"):
-        flow(START, 0.0, 1.0, parameters={"z": 1})
+    assert "'z' is not a parameter" in refusal(flow, START, 0.0, 1.0, parameters={"z": 1})
 
 
 @pytest.mark.few(1)

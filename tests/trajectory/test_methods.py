@@ -26,6 +26,7 @@ from lagrange.trajectory.methods.splitting import Splitting, composition
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status
 from tests.models import LLVM_FIRST, SYSTEMS, TARGETS, B, build, g, k, l, m, model, x, y
+from tests.refusals import refusal
 from tests.trajectory.runs import (
     ADAPTIVE,
     EQUAL,
@@ -65,10 +66,8 @@ def test_the_parts_of_a_splitting_add_up_to_a_step() -> None:
         StatementError, match=r"the kicks of half add up to 0\.5: these fractions of the step must add up to 1"
     ):
         Splitting("half", 1, ((0.5, 1.0),))
-    with pytest.raises(StatementError, match=r"the drifts of half add up to 2"):
-        Splitting("half", 1, ((1.0, 2.0),))
-    with pytest.raises(StatementError, match=r"the kicks of half add up to nan"):
-        Splitting("half", 1, ((math.nan, 1.0),))
+    assert "the drifts of half add up to 2" in refusal(Splitting, "half", 1, ((1.0, 2.0),))
+    assert "the kicks of half add up to nan" in refusal(Splitting, "half", 1, ((math.nan, 1.0),))
 
 
 @pytest.mark.few
@@ -105,10 +104,8 @@ def test_a_composition_of_ones_own() -> None:
         assert method.symmetric
         errors = [np.abs(run(compiled, 3.0, method, step=3.0 / n).y[:, -1] - truth).max() for n in (40, 57, 80)]
         assert -np.polyfit(np.log([40, 57, 80]), np.log(errors), 1)[0] == pytest.approx(4, abs=0.15)
-    with pytest.raises(StatementError, match="suzuki is not of order 6: the coefficient of"):
-        composition(sizes, name="suzuki", order=6)
-    with pytest.raises(StatementError, match="first = 'push': give 'drift' or 'kick'"):
-        composition(sizes, name="suzuki", order=4, first="push")
+    assert "suzuki is not of order 6: the coefficient of" in refusal(composition, sizes, name="suzuki", order=6)
+    assert "first = 'push': give 'drift' or 'kick'" in refusal(composition, sizes, name="suzuki", order=4, first="push")
     with pytest.raises(StatementError, match="the composition none has no coefficients: give at least one"):
         composition((), name="none", order=2)
 

@@ -403,8 +403,7 @@ def test_a_request_that_cannot_be_meant_is_refused(pendulum: lg.System, request_
 
 @pytest.mark.parametrize("span", [5.0, (0.0,), (0.0, 1.0, 2.0), "01", (0.0, float("inf")), (0.0, "1")])
 def test_a_span_is_two_times(pendulum: lg.System, span: Any) -> None:
-    with pytest.raises(lg.StatementError, match="time"):
-        lg.integrate(pendulum.compile(), span)
+    assert "time" in refusal(lg.integrate, pendulum.compile(), span)
 
 
 def test_a_model_is_asked_for(pendulum: lg.System) -> None:

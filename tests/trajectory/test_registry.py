@@ -225,10 +225,8 @@ def test_a_step_function_that_carries_something_on_is_refused() -> None:
 
     call = {"__call__": lambda self, f, t, y, h: y + h * f(t, y)}
     unhashable: Any = type("Unhashable", (), {"__hash__": None, **call})
-    with pytest.raises(lg.StatementError, match="does not do the same at every call"):
-        step_method(stateful, order=1)
-    with pytest.raises(lg.StatementError, match="is a Unhashable without a hash: give a function"):
-        step_method(unhashable(), order=1)
+    assert "does not do the same at every call" in refusal(step_method, stateful, order=1)
+    assert "is a Unhashable without a hash: give a function" in refusal(step_method, unhashable(), order=1)
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -316,8 +314,7 @@ def test_a_bound_of_steps_that_is_none_is_refused(name: str, option: str) -> Non
         if not (option == "max_step" and value == float("inf")):
             with pytest.raises(lg.StatementError, match=option):
                 getattr(lg.methods, name)(**{option: value})
-    with pytest.raises(lg.StatementError, match="max_step"):
-        getattr(lg.methods, name)(max_step=None)
+    assert "max_step" in refusal(getattr(lg.methods, name), max_step=None)
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
 from tests.models import build, shared_scene, x
+from tests.refusals import refusal
 from tests.trajectory.runs import FALL, OUTSIDE, Singular, ball, bounces, checked_run, floor, free, oscillator, problem
 
 SOLVERS: list[Any] = [*map(find, OUTSIDE), *([CVODE("Adams")] if "cvode" in OUTSIDE else [])]
@@ -73,8 +74,7 @@ def test_a_singular_mass_matrix_is_reported_in_the_models_words(method: Any) -> 
 def test_what_a_solver_would_bend_is_refused_or_said(method: Any) -> None:
     with pytest.raises(StatementError, match=f"{method.name} chooses its steps by itself: give rtol and atol"):
         method.integrate(problem(oscillator, step=0.1))
-    with pytest.raises(StatementError, match="rtol = nan"):
-        method.integrate(problem(oscillator, rtol=np.nan))
+    assert "rtol = nan" in refusal(method.integrate, problem(oscillator, rtol=np.nan))
     run = method.integrate(problem(oscillator, rtol=0.0, atol=0.0, max_steps=300))
     assert "rtol = 0 is below round-off and was raised to" in run.message
     assert np.isfinite(run.y).all() and (run.status is Status.SUCCESS or run.t[-1] < 2)
@@ -166,8 +166,7 @@ def test_options_bound_the_steps() -> None:
     assert run.y[1, -1] == pytest.approx(0.1, abs=1e-6)
     assert np.diff(RK45(first_step=1e-3).integrate(problem(oscillator)).t)[0] == pytest.approx(1e-3)
     assert RK45(first_step=1e9).integrate(problem(oscillator)).status is Status.SUCCESS
-    with pytest.raises(StatementError, match="max_step = -1, the length of a step of scipy-rk45"):
-        RK45(max_step=-1)
+    assert "max_step = -1, the length of a step of scipy-rk45" in refusal(RK45, max_step=-1)
 
 
 def test_an_endless_step_is_broken_off(monkeypatch: Any) -> None:

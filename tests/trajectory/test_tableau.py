@@ -39,6 +39,7 @@ from lagrange.trajectory.tableaux.explicit import (
 )
 from tests.covering import Share
 from tests.models import TARGETS, build, laws, model, phi, statement_of, theta
+from tests.refusals import refusal
 from tests.trajectory.runs import FIXED, IMPLICIT, MOMENTA, SPLITTINGS, STEPPED, planned, run, stepped
 
 Rhs = Callable[[Any, Any], Any]
@@ -268,8 +269,7 @@ def test_every_wrong_coefficient_is_refused(tableau: ButcherTableau) -> None:
             with pytest.raises(StatementError):
                 replace(tableau, A=(*tableau.A[:i], changed, *tableau.A[i + 1 :]))
     for i in range(tableau.stages):
-        with pytest.raises(StatementError, match="b_"):
-            replace(tableau, b=(*tableau.b[:i], tableau.b[i] + wrong, *tableau.b[i + 1 :]))
+        assert "b_" in refusal(replace, tableau, b=(*tableau.b[:i], tableau.b[i] + wrong, *tableau.b[i + 1 :]))
 
 
 # --- steps precisely ------------------------------------------------------------------------------------------
