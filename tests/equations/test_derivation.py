@@ -122,9 +122,7 @@ def test_a_pivot_that_vanishes_does_no_harm() -> None:
 def test_long_formulas_are_refused_and_point_elsewhere() -> None:
     derivation = derive(chain(9))
     assert len(derivation.equations) == 9
-    with pytest.raises(StatementError) as refusal:
-        _ = derivation.accelerations
-    assert str(refusal.value) == (
+    assert refusal(lambda: derivation.accelerations) == (
         "chain of 9 is too large for the solved accelerations to be written out in symbols (coordinates: a0, a1, a2, "
         "a3, a4, a5, a6, a7, ...). compile() gives the same as numbers, of any size; equations() gives the equations "
         "before they are solved."
@@ -152,9 +150,7 @@ def test_a_spent_budget_refuses_in_words_and_leaves_the_other_parts(monkeypatch:
 )
 def test_singular_mass_matrix_is_refused_by_name(kinetic: Any, names: str) -> None:
     statement = declare(kinetic=kinetic, coordinates=[q for q in (x, y, theta, phi) if kinetic.has(q.dot)])
-    with pytest.raises(StatementError) as refusal:
-        _ = derive(statement).accelerations
-    assert str(refusal.value) == (
+    assert refusal(lambda: derive(statement).accelerations) == (
         f"the mass matrix of {names} is singular at every state, so the accelerations are not determined: give each "
         "coordinate inertia of its own in the kinetic energy, or state fewer coordinates."
     )

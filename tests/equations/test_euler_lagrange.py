@@ -218,9 +218,7 @@ def test_constraints_that_depend_on_one_another_have_no_formula(expanded: int, m
     stated = declare(
         kinetic=m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, constraints={"first": x - 2 * y, "second": 4 * y - 2 * x}
     )
-    with pytest.raises(StatementError) as refusal:
-        _ = derive(stated).accelerations
-    assert str(refusal.value) == (
+    assert refusal(lambda: derive(stated).accelerations) == (
         "the accelerations of x and y and the multipliers of first and second are not determined by a formula, at any "
         "state: the constraints depend on one another, or a motion that they allow has no inertia. Drop a constraint "
         "that follows from the others, or add the kinetic energy that is missing."

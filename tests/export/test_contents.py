@@ -242,9 +242,7 @@ def test_a_wrong_argument(given: dict[str, Any], said: str, tmp_path: Path) -> N
     system = shared_scene(given["scene"]) if "scene" in given else pendulum()
     arguments = {"target": "c", "path": tmp_path / "out", **given}
     arguments.pop("scene", None)
-    with pytest.raises(lg.StatementError, match=r".") as caught:
-        system.export(**arguments)
-    assert said in str(caught.value)
+    assert said in refusal(system.export, **arguments)
     assert not (tmp_path / "out").exists()
 
 
