@@ -82,6 +82,7 @@ def test_an_elliptic_billiard_keeps_the_product_of_angular_momenta_about_its_foc
     assert np.ptp(product) < 1e-11
 
 
+@pytest.mark.slow
 def test_a_rod_has_no_motion_in_the_interval_of_painleve() -> None:
     """With mu = 1.4 it lies between the roots of 1 + 3 cos^2 = 3 mu sin cos: 55.59 and 69.95 degrees."""
     (x, y, theta), (m, g, mu) = lg.coordinates("x y theta"), lg.parameters("m g mu")
@@ -216,6 +217,7 @@ QUICK = ("ball-on-table", "belt", "block-on-incline", "bouncing-ball", "elliptic
 CASES = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in NAMES]
 
 
+@pytest.mark.slow
 def test_a_tolerance_of_the_method_is_one_of_the_run() -> None:
     """Transitions did not know it: the run of the rocking block was unreliable, and the tippe top's had no end."""
     scene, method = shared_scene("rocking-block"), lg.methods.DOP853(rtol=1e-3)

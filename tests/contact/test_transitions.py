@@ -335,6 +335,7 @@ def test_a_run_that_is_used_up_by_impacts_says_of_which() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_body_that_contacts_leave_no_freedom_is_at_rest() -> None:
     """A double pendulum between a wall and a floor: velocities of round-off would begin a slip again and again."""
     a, b = lg.coordinates("a b")

@@ -61,6 +61,7 @@ def test_rising_and_falling_values_show_hysteresis() -> None:
     assert up.periods == pytest.approx(2 * np.pi / values)
 
 
+@pytest.mark.slow
 def test_any_system_is_looked_at_where_an_event_happens() -> None:
     """Van der Pol's oscillator passes x = 0 upwards with the speed 2 + O(mu^2), and with 2.614973 for mu = 2.
 
@@ -97,6 +98,7 @@ def test_a_bead_leaves_the_bottom_of_a_hoop_at_a_pitchfork() -> None:
     assert result.axis == "theta"
 
 
+@pytest.mark.slow
 def test_branches_without_formulas_are_followed_from_several_values() -> None:
     """x'' = mu + x - sinh(x^3) - x' has three equilibria between two folds, and one elsewhere."""
     system = lg.System(

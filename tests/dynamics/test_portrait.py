@@ -117,6 +117,7 @@ def test_an_orbit_runs_both_ways_until_it_leaves_the_window() -> None:
     assert orbit.at(np.array([0.0]))[0] == pytest.approx([2.5, 2.0], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_dry_friction_has_a_window_of_its_speeds_and_no_linear_kind() -> None:
     """Steps of an oscillator with dry friction end at its turning points, where it is at rest."""
     result = lg.phase_portrait(lg.System(x.dot**2 / 2, x**2 / 2, forces={x: -sign(x.dot) / 10}, initial={x: 1}))

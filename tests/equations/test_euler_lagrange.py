@@ -386,6 +386,7 @@ def chain_on_a_rough_rail(links: int) -> lg.System:
     )
 
 
+@pytest.mark.slow
 def test_a_long_multiplier_is_no_obstacle_where_its_parts_are_shared(monkeypatch: pytest.MonkeyPatch) -> None:
     """The multiplier of a chain of five has 21,512 operations without sharing, and was refused."""
     model = chain_on_a_rough_rail(5).compile("numpy", check=False)

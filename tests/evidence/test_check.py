@@ -117,6 +117,7 @@ def test_a_small_wrong_entry_beside_a_large_one_is_caught(size: float) -> None:
     assert QUANTITIES["mass_matrix"] in failing(report)
 
 
+@pytest.mark.slow
 def test_a_term_hidden_by_the_defaults_is_not_hidden() -> None:
     """Terms hidden by default values (equal masses, zero drag, a coupling of 1e-25) are tested with other values."""
     first, second, coupling = parameters("first second coupling")

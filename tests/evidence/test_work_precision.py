@@ -114,6 +114,7 @@ def test_an_error_below_the_reference_is_not_told() -> None:
 # --- what fails stays in the table --------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_method_that_is_not_legal_is_refused_in_the_table() -> None:
     elastic = shared_scene("elastic-pendulum")
     entry = race(elastic, 1.0, methods=["verlet"])[0]

@@ -47,6 +47,7 @@ def load(path: Path) -> Any:
     return made
 
 
+@pytest.mark.slow
 def test_a_system_loads_no_language_that_it_does_not_write() -> None:
     done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
     loaded = done.stdout.split()
@@ -495,6 +496,7 @@ def test_a_run_without_values_of_inputs_is_refused(tmp_path: Path) -> None:
     assert float(rows[-1].split(",")[1]) == pytest.approx(other[theta][-1], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_rate_of_a_constant_input_is_zero(tmp_path: Path) -> None:
     i, voltage = lg.coordinate("i"), lg.given("u")
     circuit = lg.System(kinetic=0, forces={i: voltage - i}, dissipation=i.dot**2 / 2, name="circuit")

@@ -118,6 +118,7 @@ def test_the_sources_compile_without_a_warning_by_the_headers_of_the_standard(tm
                 run(f"{WARNINGS} {more}fmi-functions.c pendulum.c", sources)
 
 
+@pytest.mark.slow
 def test_parameters_and_states_are_set_and_results_are_read(tmp_path: Path) -> None:
     system = shared_scene("double-pendulum")
     model = system.compile()
@@ -145,6 +146,7 @@ def test_parameters_and_states_are_set_and_results_are_read(tmp_path: Path) -> N
             assert made.getDirectionalDerivative(unknowns, knowns, [2.0, -1.0]) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_saved_state_is_restored(tmp_path: Path) -> None:
     for path in written(shared_scene("pendulum"), tmp_path).values():
         with instance(path, "CoSimulation", tmp_path) as made:

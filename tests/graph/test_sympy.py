@@ -353,6 +353,7 @@ def shallow() -> None:
     assert sys.getrecursionlimit() < 5_000 / 4
 
 
+@pytest.mark.slow
 def test_a_deep_choice_is_walked_too() -> None:
     graph = Graph()
     x = graph.symbol("x", Binding.CONFIGURATION)

@@ -107,6 +107,7 @@ def test_the_order_of_coordinates_does_not_matter(mechanism: Mechanism, order: l
 
 @some
 @given(mechanisms(forces=True), rationals, rationals)
+@pytest.mark.slow
 def test_the_motion_is_the_same_in_other_coordinates(mechanism: Mechanism, a: Any, b: Any) -> None:
     """In x = u + a sin(w)/4, y = w + b u^2/4, z = s accelerations follow by the chain rule; multipliers are equal."""
     u, w, s = coordinates("u w s")

@@ -28,6 +28,7 @@ def body(moments: Any, rates: Any, start: Any = (1, 0, 0, 0), potential: Any = 0
     return lg.System(kinetic, potential, initial={R: start, R.body: rates}, **more)
 
 
+@pytest.mark.slow
 def test_attitude_after_a_period_of_the_rates() -> None:
     """The rates repeat after the period P, and the body has turned about its angular momentum (Montgomery, 1991).
 
@@ -51,6 +52,7 @@ def test_the_length_of_the_quaternion_stays_one(weight: float) -> None:
     assert np.abs(np.linalg.norm(run.y[:4], axis=0) - 1).max() < 1e-13
 
 
+@pytest.mark.slow
 def test_the_series_in_rates_is_that_of_the_quaternion() -> None:
     """Two bodies with all kinds of terms, in a mixed order of coordinates, at a random state."""
     S, (x, y) = lg.rotation("S"), lg.coordinates("x y")
@@ -286,6 +288,7 @@ def test_a_derivation_too_long_to_be_solved_in_symbols_is_compared_at_each_point
     assert not check(held.compile("numpy"), textbook=wrong, points=2)
 
 
+@pytest.mark.slow
 def test_a_rolling_ball_has_the_equations_of_chaplygin() -> None:
     """The derivation has Euler's equations with the moments of the contact forces, and the conditions of rolling."""
     system = shared_scene("rolling-sphere")
@@ -358,6 +361,7 @@ def test_a_heavy_top_nods_between_the_roots_of_its_cubic() -> None:
     assert run[R][:, 2, 2].max() < start + 1e-12
 
 
+@pytest.mark.slow
 def test_a_ball_of_chaplygin_keeps_its_momentum_about_the_point_of_contact() -> None:
     """K = J w + m r^2 (w - (w . z) z), in space: the force at the point of contact has no moment about it."""
     run = example("rolling-sphere")

@@ -272,6 +272,7 @@ def equations() -> Equations:
     return euler_lagrange(nested(100).statement)
 
 
+@pytest.mark.slow
 def test_no_block_of_a_series_holds_more_than_llvm_compares_quickly(equations: Equations) -> None:
     """Blocks are cut, since in one block 100 sines took 4 s to compile and 200 took 13 s."""
     jet = CompiledJet(pack(series_program(equations)[0], lanes()), 0)

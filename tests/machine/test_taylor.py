@@ -194,6 +194,7 @@ def test_the_order_of_stated_constraints_scatters_no_operands() -> None:
 
 @few
 @given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y, x.dot, y.dot), functions_of(x, y))
+@pytest.mark.slow
 def test_random_systems(T: Any, V: Any, Q: Any, A: Any) -> None:
     """The systems have products in T, a potential linear in velocities, a force, and explicit time."""
     statement = stated(lagrangian=T - V + A * x.dot, forces={x: Q, y: sp.cos(t) - y.dot}, coordinates=[x, y])

@@ -190,6 +190,7 @@ def test_equivalent_equations_are_right(name: str, how: str) -> None:
     assert not result.wrong and not result.counterexample
 
 
+@pytest.mark.slow
 def test_equations_with_switches_of_the_system_are_right() -> None:
     theta, k = lg.coordinate("theta"), lg.parameters("k")
     stop = lg.System(theta.dot**2 / 2, k * sp.Max(0, theta - 40) ** 2 / 2, parameters={k: 1})
@@ -394,6 +395,7 @@ def test_a_decimal_may_stand_for_a_root_or_a_longer_decimal() -> None:
     assert not falling.compare("x'' = -9.8")
 
 
+@pytest.mark.slow
 def test_of_two_readings_only_that_of_the_wrong_equation_is_quoted() -> None:
     actual = shared_scene("double-pendulum")
     result = actual.compare(
@@ -403,6 +405,7 @@ def test_of_two_readings_only_that_of_the_wrong_equation_is_quoted() -> None:
     assert result.wrong == (1,) and "Read as" not in result.message
 
 
+@pytest.mark.slow
 def test_a_tension_with_the_sign_of_a_force_is_right_beside_a_constant_length() -> None:
     """The multiplier of r - l is the opposite of the tension."""
     r, theta = lg.coordinates("r theta")
@@ -451,6 +454,7 @@ def test_a_spent_budget_leaves_the_verdict(monkeypatch: pytest.MonkeyPatch) -> N
         expanded(sp.Symbol("x"))
 
 
+@pytest.mark.slow
 def test_equations_in_rates_are_as_long_as_in_quaternions(monkeypatch: pytest.MonkeyPatch) -> None:
     """An equation of few rates may have hundreds of terms in quaternions, and trying a slip takes a second."""
     monkeypatch.setattr(slips, "LONGEST_SLIP", 40)

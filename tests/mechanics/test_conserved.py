@@ -365,6 +365,7 @@ def test_a_relativistic_particle_among_charges_keeps_their_potential_as_it_is_st
     assert hamiltonian.expression == potential + sqrt(c**4 * m**2 + c**2 * p**2)
 
 
+@pytest.mark.slow
 def test_a_momentum_that_is_solved_for_takes_the_branch_of_the_motion() -> None:
     form = lg.System(lagrangian=-sqrt(1 - x.dot**2) - x**2).hamiltonian()
     p = form.momenta[x]
@@ -395,6 +396,7 @@ def test_names_that_are_taken_are_left_alone() -> None:
     assert form.momenta[x] == lg.coordinate("p_x_")
 
 
+@pytest.mark.slow
 def test_it_pickles_and_keeps_what_is_drawn() -> None:
     form = wagons_form()
     again = pickle.loads(pickle.dumps(form))

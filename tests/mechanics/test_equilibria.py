@@ -52,6 +52,7 @@ def test_a_bead_on_a_hoop_has_four_and_knows_when() -> None:
     assert pickle.loads(pickle.dumps(side)).coordinates == side.coordinates
 
 
+@pytest.mark.slow
 def test_steady_motions_of_ignorable_coordinates() -> None:
     # A conical pendulum: cos(theta) = g/(l w^2).
     pendulum = conical_pendulum(parameters={m: 1, g: 9.81, l: 1, w: 5})
@@ -414,6 +415,7 @@ def driven(pivot: Any) -> lg.System:
     return lg.System(lg.kinetic_energy(m, bob), lg.gravity(m, bob, g), parameters={m: 1, g: 9.81, l: 1})
 
 
+@pytest.mark.slow
 def test_equations_may_contain_the_given_function_and_its_derivatives() -> None:
     X = lg.given("X", sin(2 * lg.t))
     system = driven(X)
@@ -460,6 +462,7 @@ def rates(result: Any) -> list[float]:
     return [float(result.velocities.get(rate, 0)) for rate in TURN.body]
 
 
+@pytest.mark.slow
 def test_a_free_body_turns_about_its_principal_axes() -> None:
     """Both ways about each, with the energy J w^2/2; the middle axis alone is unstable."""
     result = body((1, 2, 3)).equilibria({TURN.space[2]: 1.5})
@@ -503,6 +506,7 @@ def test_both_rates_of_precession_at_a_tilt(axis: int) -> None:
         assert np.abs(path - np.cos(tilt)).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_a_free_symmetric_body_precesses_or_spins_about_a_fixed_axis() -> None:
     """It precesses at the rate J3 w/(J1 cos(tilt)). Without a precession its axis stays where it is."""
     found = body((1, 1, 2)).equilibria({TURN: lg.turn(lg.x, 0.5), TURN.body[2]: 3})

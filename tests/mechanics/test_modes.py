@@ -69,6 +69,7 @@ def test_gyroscopic_forces_decide_nothing_where_the_energy_has_no_minimum() -> N
     assert bowl.modes().stable is True
 
 
+@pytest.mark.slow
 def test_numbers_lose_no_mode_and_give_every_eigenvalue() -> None:
     """A free motion and an overdamped one have two real eigenvalues each."""
     kinetic = sum(q.dot**2 for q in MANY) / 2

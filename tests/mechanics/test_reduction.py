@@ -403,6 +403,7 @@ def test_new_coordinates_that_are_none_are_refused(given: Any, more: Any, words:
     assert refusal(particle().transform, given, **more).startswith(words)
 
 
+@pytest.mark.slow
 def test_a_singular_initial_state_is_refused() -> None:
     # At x = y = 0 any angle will do; one that starts with y.dot = 1 needs another than zero.
     with pytest.raises(StatementError, match="the initial velocities have no values in the new coordinates, which"):

@@ -175,6 +175,7 @@ ANDREWS_LAST_MULTIPLIERS = (
 )
 
 
+@pytest.mark.slow
 def test_the_seven_body_mechanism_begins_and_ends_as_published() -> None:
     """The published velocities are off their own constraints by 1e-9, which bounds the digits of the velocities.
 

@@ -105,6 +105,7 @@ def test_every_file_of_a_store_that_is_damaged_in_every_way(tmp_path: Path, whol
             shutil.rmtree(target)
 
 
+@pytest.mark.slow
 def test_damage_that_comes_after_the_call_is_seen_when_results_are_read(
     tmp_path: Path, whole: Path, everything: bool
 ) -> None:
@@ -140,6 +141,7 @@ class Filling:
         return put(path, value, *args, **options)
 
 
+@pytest.mark.slow
 def test_some_writes_that_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: Path) -> None:
     disk, right = Filling(monkeypatch), files(whole)
     run(tmp_path / "counted.zarr")

@@ -73,6 +73,7 @@ def agree(one: lg.Ensemble, other: lg.Ensemble, tolerance: float = 1e-12, method
             assert np.allclose(result, expected, rtol=tolerance, atol=tolerance, equal_nan=True), column.name
 
 
+@pytest.mark.slow
 def test_times_of_a_thrown_ball_have_closed_forms(monkeypatch: pytest.MonkeyPatch) -> None:
     """The motion is a polynomial, so times and states are right to round-off. One ball has not landed yet."""
     (y,) = ball().coordinates

@@ -195,6 +195,7 @@ def test_what_is_shown_has_no_bound_of_digits() -> None:
     assert "a whole number of about 5001 digits" in repr(UNTYPED.Problem(None, {}, 0.0, 10**5000, np.zeros(2)))
 
 
+@pytest.mark.slow
 def test_what_is_shown_has_no_bound_of_levels(tmp_path: Path) -> None:
     deep = nested(lg.coordinate("x"), 350)
     assert "an expression of many parts" in repr(lg.contact(deep, slip=lg.coordinate("x").dot, friction=0.1))

@@ -139,6 +139,7 @@ def test_derivatives_by_jax_are_the_jacobian(name: str) -> None:
 
 @few
 @given(kinetic_energies(x, y, t), potentials(x, y, t), states)
+@pytest.mark.slow
 def test_random_systems(kinetic: Any, potential: Any, state: Any) -> None:
     model = build("numpy", kinetic=kinetic, potential=potential, coordinates=[x, y])
     state = np.where(np.abs(state) < 1e-100, 0.0, state)  # JAX takes doubles below 2.2e-308 for zero

@@ -101,6 +101,7 @@ def test_names_are_never_commands(style: str) -> None:
 # --- constraints -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_what_a_turning_frame_conserves_is_the_jacobi_integral() -> None:
     theta, (m, g, R, w) = lg.coordinate("theta"), lg.parameters("m g R w")
     place = (R * sin(theta) * cos(w * lg.t), R * sin(theta) * sin(w * lg.t), -R * cos(theta))

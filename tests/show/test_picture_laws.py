@@ -252,6 +252,7 @@ def test_what_is_not_finite_stays_a_gap() -> None:
     assert np.isnan(row[t < 0.5]).all() and np.isfinite(row[t > 0.5]).all()
 
 
+@pytest.mark.slow
 def test_first_times_are_the_outputs_and_those_between() -> None:
     run = oscillator(np.linspace(0.0, 5.0, 11)).trajectory
     assert set(run.t) <= set(first_times(run)) and len(first_times(run)) >= 500

@@ -122,6 +122,7 @@ def test_a_plane_in_space_is_seen_from_above(parts: Any, expected: tuple[str, st
     np.testing.assert_allclose(last.get_xydata()[-1], [2.0, 4.0])
 
 
+@pytest.mark.slow
 def test_a_thread_is_not_drawn_to_scale_but_a_straight_line_is() -> None:
     thread = drawn(moving(lambda a, b: 100 * a, lambda a, b: b)).axes[-1]
     assert thread.get_aspect() == "auto" and "not to scale" in thread.get_title("left")
@@ -230,6 +231,7 @@ def test_a_coordinate_comes_before_another_word_for_what_is_shown() -> None:
     np.testing.assert_array_equal(np.asarray(figure.axes[0].lines[0].get_ydata()), 1.0)
 
 
+@pytest.mark.slow
 def test_phase_planes_paths_and_several_panels() -> None:
     figure = drawn(oscillator(), what=["phase", "coordinates"])
     time, phase = figure.axes

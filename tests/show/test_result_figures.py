@@ -156,6 +156,7 @@ def test_modes_are_drawn_as_bars_and_on_the_positions() -> None:
     assert repr(pickle.loads(pickle.dumps(bare))) == repr(bare)
 
 
+@pytest.mark.slow
 def test_titles_of_modes_say_how_they_move_and_many_modes_are_left_out() -> None:
     several: Any = lg.coordinates(" ".join(f"q{k}" for k in range(10)))
     chain = lg.System(
@@ -271,6 +272,7 @@ def test_a_card_has_the_picture_and_the_first_failure() -> None:
     assert "there is nothing to draw" in refusal(lost.plot)
 
 
+@pytest.mark.slow
 def test_a_table_has_a_line_for_each_member(tmp_path: Path) -> None:
     x = PENDULUM.coordinates[0]
     grid = lg.grid({"theta": (0.5, 2.0, 3), "l": [1.0, 2.0]})

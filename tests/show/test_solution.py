@@ -156,6 +156,7 @@ def test_a_rest_has_no_drift() -> None:
     assert run.drift.relative == 0.0 and "0.0e+00" in repr(run)
 
 
+@pytest.mark.slow
 def test_the_card_has_the_length_of_each_quaternion() -> None:
     """Euler's method stretches it: by sqrt(1 + (step * rate / 2)**2) in a step."""
     R = lg.rotation("R")

@@ -93,7 +93,7 @@ def test_an_expression_is_put_in_for_a_run() -> None:
     assert "X = a*sin(w*t)" in driven.derivation().text()
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("function", "formula"),
     [
@@ -256,6 +256,7 @@ def test_what_is_no_table_is_refused(argument: Any, points: Any, values: Any, sa
         lg.table(argument, points, values)
 
 
+@pytest.mark.slow
 def test_a_derivation_writes_tables_as_functions() -> None:
     system = body(potential=e * lg.table(x / a, POINTS, VALUES), forces={x: -lg.table(x.dot, POINTS, -VALUES)})
     text = system.derivation().text()
@@ -329,6 +330,7 @@ def test_a_run_passes_the_jumps_of_its_force(method: str) -> None:
     np.testing.assert_allclose(energies, energies[0], rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_remainders_of_remainders_and_their_derivatives_are_written_out() -> None:
     inner: Any = sympy.Mod(sympy.Mod(x, 5) + x, 2)
     system = lg.System(m * x.dot**2 / 2, 0, forces={x: inner + sympy.Mod(x, 3).diff(x)}, parameters={m: 1})

@@ -98,6 +98,7 @@ def test_a_tuple_beside_a_turned_vector_is_a_vector() -> None:
     assert lg.kinetic_energy(m, place + turned) == lg.kinetic_energy(m, column + turned)
 
 
+@pytest.mark.slow
 def test_single_rates_are_keys_of_starts_forces_runs_and_pictures() -> None:
     start = top(initial={"R_body_z": 5, R.body[0]: 1}, forces={R.space[1]: 2, "R_body_z": x.subs(x, 3)}).statement
     whole = top(initial={R.body: (1, 0, 5)}, forces={R.space: (0, 2, 0), R.body: (0, 0, 3)}).statement
@@ -130,6 +131,7 @@ EULER = J1 * R.body[0].diff(lg.t) - (J1 - J3) * R.body[1] * R.body[2] - m * R[2,
 OTHERS = "J1*R_body_y' + (J1 - J3)*R_body_x*R_body_z = -m*R_zx", "d/dt(J3*R_body_z) = 0"
 
 
+@pytest.mark.slow
 def test_equations_are_written_and_compared_in_rates() -> None:
     system = TOP
     assert sympy.expand(system.equations()[0].lhs - EULER) == 0
@@ -271,6 +273,7 @@ def test_a_product_of_turns_turns_by_the_right_one_first() -> None:
     assert TOP.run(0.1, {R: both}).status is lg.Status.SUCCESS
 
 
+@pytest.mark.slow
 def test_an_inertia_that_is_constant_in_space_is_remarked() -> None:
     tensor = diag(1, 2, 2)
     (said,) = lg.System(R.space.dot(tensor * R.space) / 2).statement.remarks()
@@ -287,6 +290,7 @@ def test_a_rotation_is_held_with_its_rates() -> None:
     assert kept.moved == 0
 
 
+@pytest.mark.slow
 def test_messages_on_events_name_entries_and_rates() -> None:
     event = lg.event(R[2, 2] + R.body[0] - sympy.log(R[0, 2] - 3))
     assert "R_body_x + R_zz - log(R_xz - 3) is nan" in TOP.run(1.0, events=event).message
@@ -323,6 +327,7 @@ def test_an_energy_that_is_not_quadratic_in_the_rates_has_no_moments_to_judge() 
     assert lg.System(rates + sympy.sqrt(1 + 100 * R.body[0] ** 2)).check(points=1)
 
 
+@pytest.mark.slow
 def test_a_rate_coupled_to_another_velocity_is_no_moment_of_the_body() -> None:
     """A ball of moment 0.1 drives a mass of 5 by a belt, so the energy about y has the coefficient 5.1."""
     kinetic = R.body.dot(R.body) / 20 + 5 * (x.dot + R.space[1]) ** 2 / 2

@@ -410,6 +410,7 @@ VALUES = st.recursive(
 
 
 @given(st.dictionaries(KEYS, VALUES, max_size=4))
+@pytest.mark.slow
 def test_every_value_of_a_random_file_is_found(data: dict[str, Any]) -> None:
     text = "".join(f"{key} = {toml(value)}\n" for key, value in data.items())
     assert tomllib.loads(text) == data

@@ -288,6 +288,7 @@ def test_the_multipliers_have_the_least_norm(target: str) -> None:
     assert solution.multipliers["twice"] == pytest.approx(2 * solution.multipliers["rod"], rel=1e-12)
 
 
+@pytest.mark.slow
 def test_constraints_that_follow_only_where_all_hold() -> None:
     """A table on three parallel cranks, of which two suffice. The six constraints are dependent only where all hold."""
     a1, a2, a3 = cranks = lg.coordinates("a1 a2 a3")

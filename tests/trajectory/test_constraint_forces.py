@@ -271,7 +271,7 @@ def run_from(system: lg.System, end: float, method: str, events: list[Any], **in
     return system.run(end, method=method, events=events, step=STEPS.get(method), initial=initial)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", CONTACT_METHODS)
 def test_a_contact_that_touches_already_passes_the_impact_on(method: str) -> None:
     for gap, first in ((0.0, -1.0), (1e-17, -1.0), (1e-12, -1.0), (0.0, 0.0)):
