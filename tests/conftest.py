@@ -22,7 +22,7 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import Procedure
 from lagrange.statement.coordinate import COORDINATES, PARAMETERS
 from tests import covering
-from tests.kept_code import KeptCode, shrink
+from tests.kept_code import KeptCode
 from tests.procedure.verify import verify
 
 mpl.use("Agg")
@@ -78,7 +78,7 @@ def pytest_configure(config: pytest.Config) -> None:
         # Each process gets whole files, in their order: models and machine code are made once per file.
         config.option.dist, config.option.loadscopereorder = "loadfile", False
     if config.pluginmanager.has_plugin("cacheprovider"):
-        engine._compiled = KeptCode(config.cache.mkdir("object_code"), engine._compiled)
+        engine._compiled = KeptCode(config.cache.mkdir("object_code"))
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -87,7 +87,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     gc.collect()
     gc.freeze()
     if isinstance(engine._compiled, KeptCode) and not hasattr(config, "workerinput"):
-        shrink(engine._compiled.folder)
+        engine._compiled.shrink()
 
 
 def chosen_by_hand(config: pytest.Config) -> bool:
