@@ -8,12 +8,17 @@ import sympy
 
 from lagrange.errors import StatementError
 
+LONGEST = 400
+"""Largest number of characters of a message."""
+
 
 def refusal(call: Callable[..., Any], *arguments: Any, **named: Any) -> str:
-    """Return the message of the StatementError that a call raises. A call that raises none fails the test."""
+    """Return the message of the StatementError that a call raises. A call without one, or a long message, fails."""
     with pytest.raises(StatementError) as raised:
         call(*arguments, **named)
-    return str(raised.value)
+    message = str(raised.value)
+    assert len(message) <= LONGEST, message
+    return message
 
 
 def nested(inner: Any, levels: int) -> Any:

@@ -97,9 +97,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_has_no_meaning_is_refused(case: str) -> None:
     call, message = REFUSED[case]
-    with pytest.raises(lg.StatementError, match=message) as caught:
-        call()
-    assert len(str(caught.value)) <= 400
+    assert re.search(message, refusal(call))
 
 
 def with_units(floor: Any, units: dict[Any, str]) -> lg.System:
@@ -122,8 +120,7 @@ WRONG_UNITS: dict[str, tuple[Any, dict[Any, str], str]] = {
 @pytest.mark.parametrize("case", WRONG_UNITS)
 def test_wrong_units_of_a_contact_are_refused(case: str) -> None:
     parts, units, message = WRONG_UNITS[case]
-    with pytest.raises(lg.StatementError, match=message):
-        with_units(lg.contact(*parts), units)
+    assert re.search(message, refusal(with_units, lg.contact(*parts), units))
 
 
 def test_right_units_of_a_contact_are_inferred() -> None:
@@ -265,8 +262,7 @@ def test_a_file_with_modes_of_another_system_is_refused(tmp_path: Any) -> None:
         "[1]",
     ):
         np.savez(tmp_path / "other.npz", allow_pickle=False, **(arrays | {"contact_modes": np.array(modes)}))
-        with pytest.raises(lg.StatementError, match=r"modes|not a run that to_npz wrote"):
-            lg.load(tmp_path / "other.npz")
+        assert re.search(r"modes|not a run that to_npz wrote", refusal(lg.load, tmp_path / "other.npz"))
 
 
 def test_balls_touch_in_pairs() -> None:
@@ -316,9 +312,7 @@ REFUSED_SURFACES: dict[str, tuple[Any, dict[str, Any], str]] = {
 @pytest.mark.parametrize("case", REFUSED_SURFACES)
 def test_a_surface_without_a_meaning_is_refused(case: str) -> None:
     surfaces, more, message = REFUSED_SURFACES[case]
-    with pytest.raises(lg.StatementError, match=message) as caught:
-        ball(surfaces, **more)
-    assert len(str(caught.value)) <= 400
+    assert re.search(message, refusal(ball, surfaces, **more))
 
 
 def test_a_straight_surface_has_two_points_and_a_curve_is_near_its_chords() -> None:

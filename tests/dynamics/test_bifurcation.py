@@ -1,5 +1,6 @@
 """Bifurcation diagrams: period doubling at published values, hysteresis, and branches of equilibria in formulas."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -132,8 +133,7 @@ def test_the_period_of_a_driving_is_read_from_its_waves() -> None:
         (cos(t) + cos(2**0.5 * t), "has the frequencies 1 and 1.41421, which have no common period"),
         (cos(0 * w + (w - 1.5) * t), "has the frequency zero"),
     ):
-        with pytest.raises(StatementError, match=says):
-            driving_period(driven(force), {w: 1.5})
+        assert re.search(says, refusal(driving_period, driven(force), {w: 1.5}))
 
 
 def test_ctrl_c_keeps_the_values_that_are_done(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -171,8 +171,7 @@ def test_motions_that_run_away_leave_gaps_and_begin_anew() -> None:
 )
 def test_what_cannot_be_meant_is_refused(system: Any, arguments: tuple[Any, ...], says: str) -> None:
     name, values, *options = arguments
-    with pytest.raises(StatementError, match=says):
-        lg.bifurcation(system(), name, values, **(options[0] if options else {}))
+    assert re.search(says, refusal(lg.bifurcation, system(), name, values, **(options[0] if options else {})))
 
 
 # --- mode shapes ----------------------------------------------------------------------------------------------

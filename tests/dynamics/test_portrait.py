@@ -1,5 +1,6 @@
 """Phase portraits: separatrices, kinds of equilibria, zero lines to rounding, closed orbits, angles."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from lagrange.dynamics.axes import angles
 from lagrange.dynamics.orbits import CLOSED, LINEAR_ERROR
 from lagrange.dynamics.runs import Runs
 from lagrange.dynamics.section import EnergyLevel
-from lagrange.errors import StatementError
 from tests.dynamics.planar import (
     damped_pendulum,
     driven_linear,
@@ -204,8 +204,7 @@ def test_a_free_particle_rests_everywhere() -> None:
     ],
 )
 def test_what_cannot_be_meant_is_refused(system: Any, arguments: dict[str, Any], says: str) -> None:
-    with pytest.raises(StatementError, match=says):
-        lg.phase_portrait(system(), **arguments)
+    assert re.search(says, refusal(lg.phase_portrait, system(), **arguments))
 
 
 def test_constraints_and_what_is_no_system_are_refused() -> None:
@@ -334,8 +333,7 @@ def test_ctrl_c_keeps_the_orbits_that_are_there(monkeypatch: pytest.MonkeyPatch)
     ],
 )
 def test_sections_that_cannot_be_meant_are_refused(system: Any, event: Any, more: dict[str, Any], says: str) -> None:
-    with pytest.raises(StatementError, match=says):
-        lg.poincare(system(), event, **more)
+    assert re.search(says, refusal(lg.poincare, system(), event, **more))
 
 
 # --- detection of angles among the coordinates, for pictures that wrap and for sliders of a full turn ----------

@@ -1,6 +1,7 @@
 """Races: errors against closed forms, failed runs in the table, references, and refusals."""
 
 import math
+import re
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 from sympy import sign
 
 import lagrange as lg
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError
 from lagrange.evidence import trust_horizon as reference_solution
 from lagrange.evidence import work_precision
 from lagrange.evidence.precise_run import precise_run
@@ -282,8 +283,7 @@ def test_chaos_has_no_winner() -> None:
     ids=lambda value: str(value)[:30],
 )
 def test_refusals(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(StatementError, match=words):
-        race(**options)
+    assert re.search(words, refusal(race, **options))
 
 
 def test_one_method_needs_no_list() -> None:
@@ -388,8 +388,7 @@ def test_it_ends_where_the_motion_does() -> None:
     ],
 )
 def test_what_cannot_be_meant_is_refused(request_: dict[str, Any], words: str) -> None:
-    with pytest.raises(lg.StatementError, match=words):
-        lg.trust_horizon(OSCILLATOR, (0.0, 1.0), **request_)
+    assert re.search(words, refusal(lg.trust_horizon, OSCILLATOR, (0.0, 1.0), **request_))
 
 
 def test_it_takes_a_system_too() -> None:

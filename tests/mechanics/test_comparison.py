@@ -359,8 +359,7 @@ UNREAD = [
 
 @pytest.mark.parametrize(("name", "text", "said"), UNREAD)
 def test_what_stands_for_nothing_is_not_read(name: str, text: str, said: str) -> None:
-    with pytest.raises(lg.StatementError, match=said):
-        answered(name).compare(text)
+    assert re.search(said, refusal(answered(name).compare, text))
 
 
 ANSWERS = Path(__file__).with_name("answers.txt").read_text("utf-8").splitlines()[1:]

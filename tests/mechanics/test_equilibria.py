@@ -1,6 +1,7 @@
 """Equilibria in symbols and by number, steady rotations, and analyses with given functions."""
 
 import pickle
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -579,6 +580,4 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_has_no_steady_motion_is_refused(case: str) -> None:
     attempt, sentence = REFUSED[case]
-    with pytest.raises(lg.StatementError, match=sentence) as refusal:
-        attempt()
-    assert len(str(refusal.value)) <= 400
+    assert re.search(sentence, refusal(attempt))

@@ -482,22 +482,19 @@ def test_a_store_of_other_expressions_is_refused(tmp_path: Path, which: str) -> 
     given = {"events": [theta], "store": tmp_path / "runs.zarr"}
     pendulum(keep=(first,), **given)
     assert pendulum(keep=(first,), **given).form == "all members were stored"
-    with pytest.raises(lg.StatementError, match=r"differs in (expressions|occurrences)"):
-        pendulum(keep=(other,), **given)
+    assert re.search(r"differs in (expressions|occurrences)", refusal(pendulum, keep=(other,), **given))
 
 
 @pytest.mark.parametrize("name", ["status", "t_end", "member", "steps", "theta_end", "theta_start"])
 def test_a_parameter_called_as_what_is_kept_is_refused(name: str) -> None:
-    with pytest.raises(lg.StatementError, match=f"^the system has the name {name!r}, which is also"):
-        spring(name, keep=("end", "counts"))
+    assert re.search(f"^the system has the name {name!r}, which is also", refusal(spring, name, keep=("end", "counts")))
 
 
 def test_a_name_that_is_free_is_taken(tmp_path: Path) -> None:
     pytest.importorskip("zarr")
     assert np.array_equal(spring("steps")["steps"], [1.0, 2.0])
     assert np.array_equal(spring("checksum")["checksum"], [1.0, 2.0])
-    with pytest.raises(lg.StatementError, match=r"^the system has the name 'checksum'"):
-        spring("checksum", store=tmp_path / "runs.zarr")
+    assert re.search(r"^the system has the name 'checksum'", refusal(spring, "checksum", store=tmp_path / "runs.zarr"))
 
 
 @pytest.mark.parametrize(

@@ -70,8 +70,7 @@ def test_a_parameter_array_says_no_more_than_a_dict_may() -> None:
     ):
         columns = np.array([[1.0, 1.0], [1.0, wrong]])
         for given in (columns[:, 1], columns, {"m": 1.0, "k": wrong}):
-            with pytest.raises(lg.StatementError, match=words):
-                model().rhs(0.0, np.zeros(4), given)
+            assert re.search(words, refusal(model().rhs, 0.0, np.zeros(4), given))
 
 
 @pytest.mark.parametrize("wrong", [0, False, "", [], ()])
@@ -86,10 +85,8 @@ def test_only_none_and_an_empty_dict_stand_for_the_defaults(wrong: Any) -> None:
 @pytest.mark.parametrize("times", [np.broadcast_to(0.05, 10**9), range(10**9)])
 def test_a_billion_times_are_refused_with_their_size(times: Any) -> None:
     words = "has 1e.09 entries, which takes 29.8 GiB of memory: give fewer at once"
-    with pytest.raises(lg.StatementError, match=f"t_eval {words}"):
-        lg.integrate(model(), (0.0, 0.1), t_eval=times)
-    with pytest.raises(lg.StatementError, match=f"t {words}"):
-        solution().at(times)
+    assert re.search(f"t_eval {words}", refusal(lg.integrate, model(), (0.0, 0.1), t_eval=times))
+    assert re.search(f"t {words}", refusal(solution().at, times))
 
 
 def test_a_method_that_returns_no_trajectory_is_told_so() -> None:

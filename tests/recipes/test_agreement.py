@@ -408,16 +408,14 @@ def test_the_portrait_of_two_states_of_first_order_is_a_plane() -> None:
     ],
 )
 def test_portraits_without_a_plane_are_refused(system: Any, arguments: dict[str, Any], says: str) -> None:
-    with pytest.raises(StatementError, match=says):
-        lg.phase_portrait(system(), **arguments)
+    assert re.search(says, refusal(lg.phase_portrait, system(), **arguments))
 
 
 def test_modes_and_linear_equations_name_the_states_without_inertia() -> None:
     both = lg.System(
         x.dot**2 / 2, x**2 / 2, coordinates=[x, e], forces={e: x - e}, dissipation=e.dot**2 / 2, name="both"
     )
-    with pytest.raises(StatementError, match=r"not an equilibrium of lowpass, and e has no inertia.*equilibria"):
-        lowpass().modes()
+    assert re.search(r"not an equilibrium of lowpass, and e has no inertia.*equilibria", refusal(lowpass().modes))
     assert "not an equilibrium of motor, and i has no inertia" in refusal(motor().linearize, {i: 1.0})
     for system, point in ((lowpass(), {e: 1}), (both, {})):
         with pytest.raises(

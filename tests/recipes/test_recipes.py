@@ -234,8 +234,7 @@ def test_a_missing_package_is_named_with_its_command(command: str, monkeypatch: 
     package = command.split()[2]
     monkeypatch.setitem(sys.modules, package, None)
     expected = rf"model\.as_{package}\(\) needs {package}, which cannot be imported \(.*\): {command}$"
-    with pytest.raises(StatementError, match=expected):
-        getattr(model("pendulum", "llvm"), f"as_{package}")()
+    assert re.search(expected, refusal(getattr(model("pendulum", "llvm"), f"as_{package}")))
 
 
 @pytest.mark.parametrize("method", ["as_jax", "as_casadi", "as_numba", "as_sympy"])

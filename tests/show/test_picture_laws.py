@@ -2,6 +2,7 @@
 
 import io
 import pickle
+import re
 import struct
 from collections.abc import Callable
 from functools import cache
@@ -27,6 +28,7 @@ from lagrange.statement.statement import corners
 from lagrange.trajectory.measures.times_and_points import moving_points, points_at
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import SCENE_NAMES, shared_scene
+from tests.refusals import refusal
 from tests.show.examples import farthest, moving, oscillator, x
 
 DPI = 150
@@ -286,8 +288,7 @@ def test_panels_are_in_order_and_in_the_style_of_the_figure() -> None:
     ],
 )
 def test_what_cannot_be_drawn_on_is_refused(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(lg.StatementError, match=message):
-        lg.figure(**options)
+    assert re.search(message, refusal(lg.figure, **options))
 
 
 # --- The shape of a spring, whatever its length ---
@@ -437,9 +438,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_is_not_a_shape_is_refused(case: str) -> None:
     attempt, sentence = REFUSED[case]
-    with pytest.raises(lg.StatementError, match=sentence) as refusal:
-        attempt()
-    assert len(str(refusal.value)) <= 400
+    assert re.search(sentence, refusal(attempt))
 
 
 def test_a_scene_states_a_body_by_its_shape(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Statements with rotations, and energies of standard parts."""
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -261,9 +262,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_has_no_meaning_is_refused(case: str) -> None:
     attempt, sentence = REFUSED[case]
-    with pytest.raises(lg.StatementError, match=sentence) as refusal:
-        attempt()
-    assert len(str(refusal.value)) <= 400
+    assert re.search(sentence, refusal(attempt))
 
 
 def test_a_product_of_turns_turns_by_the_right_one_first() -> None:

@@ -30,6 +30,7 @@ from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.functions import ALIASES, WORDS
 from tests.mechanisms.scenes import FORMULATIONS
 from tests.models import SCENE_NAMES, loaded, shared_scene, stated_in
+from tests.refusals import refusal
 from tests.statement.examples import write
 
 x, y = lg.coordinates("x y")
@@ -226,8 +227,7 @@ REFUSED = {
 def test_what_no_scene_holds_is_refused_in_a_sentence(what: str, tmp_path: Path) -> None:
     potential, sentence = REFUSED[what]
     system = lg.System(FREE, potential)
-    with pytest.raises(lg.StatementError, match=f"cannot be written as a scene: .*{sentence}"):
-        system.to_scene(tmp_path / "none.toml")
+    assert re.search(f"cannot be written as a scene: .*{sentence}", refusal(system.to_scene, tmp_path / "none.toml"))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -536,8 +536,7 @@ def test_a_name_with_a_meaning_is_refused_everywhere(name: str, tmp_path: Path) 
 @pytest.mark.parametrize("name", MALFORMED)
 def test_a_malformed_name_is_refused_everywhere(name: str, tmp_path: Path) -> None:
     for state in (as_coordinate(name)[-1], as_parameter(name)[-1], as_parameter(name)[-2], *as_coordinate(name)[:1]):
-        with pytest.raises(StatementError, match=r"cannot name a (coordinate|parameter): a name starts with a letter"):
-            state(tmp_path)
+        assert re.search(r"cannot name a (coordinate|parameter): a name starts with a letter", refusal(state, tmp_path))
 
 
 def test_the_origin_is_no_position_of_ones_own(tmp_path: Path) -> None:

@@ -404,8 +404,7 @@ def test_events_are_checked(name: str) -> None:
         dimensions={m: "kg", k: "N/m", x: "m", a: "cm", F: "N", w: "1/s", u: "min"},
     )  # fmt: skip
     event, message = EVENTS[name]
-    with pytest.raises(StatementError, match=message):
-        wire.run(1.0, events=[event])
+    assert re.search(message, refusal(wire.run, 1.0, events=[event]))
 
 
 def test_numbers_in_events_have_the_units_beside_them_and_times_are_seconds() -> None:

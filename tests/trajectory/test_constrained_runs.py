@@ -1,5 +1,6 @@
 """Runs of systems with constraints: every method follows the motion, or refuses the system with a message."""
 
+import re
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -36,13 +37,9 @@ def reference(t: float) -> FloatArray:
     return np.array([np.sin(theta), -np.cos(theta)])
 
 
-scene = cache(lg.scene)
-"""The system of a scene, which is compiled once."""
-
-
 def error(name: str, t: float = 1.0, **options: Any) -> tuple[float, float]:
     """Return the error of a method on the pendulum in Cartesian coordinates, and the error of the constraint."""
-    solution = scene("cartesian-pendulum").run(t, method=name, **options).require()
+    solution = shared_scene("cartesian-pendulum").run(t, method=name, **options).require()
     return float(np.abs(solution.y[:2, -1] - reference(t)).max()), float(solution.constraint_error.max())
 
 
@@ -77,8 +74,7 @@ def test_solvers_of_other_packages_drift_by_some_tolerances_and_say_so(name: str
 def test_a_method_that_leaves_out_forces_of_constraints_is_refused(name: str) -> None:
     words = r"the forces of its constraints depend on velocities" if name in SPLITTINGS else "constraints .*: use "
     r"rattle"
-    with pytest.raises(lg.StatementError, match=f"{name} .*{words}"):
-        error(name, step=0.01)
+    assert re.search(f"{name} .*{words}", refusal(error, name, step=0.01))
 
 
 @pytest.mark.few(2)
@@ -156,8 +152,7 @@ def test_equations_of_first_order_are_refused_as_such(name: str, words: str) -> 
     """Internally such equations are constraints on velocities, but the user has not stated constraints."""
     x, y = lg.coordinates("x y")
     charge = lg.System(lagrangian=x * y.dot - y * x.dot - x**2 - y**2, initial={x: 1.0})
-    with pytest.raises(lg.StatementError, match=words):
-        charge.run(1.0, method=name, step=0.1)
+    assert re.search(words, refusal(charge.run, 1.0, method=name, step=0.1))
     solution = charge.run(5.0, rtol=1e-12)
     assert solution.card()["constraints"] is None
     assert np.hypot(*solution.y[:2]) == pytest.approx(1.0, abs=1e-12)
@@ -321,8 +316,7 @@ def test_more_constraints_than_coordinates_may_follow_from_one_another() -> None
 
 
 def test_all_of_them_must_hold_at_the_start() -> None:
-    with pytest.raises(StatementError, match=r"'twice' .* is -0\.22"):
-        TWICE.run(1.0, {x: 0.5})
+    assert re.search(r"'twice' .* is -0\.22", refusal(TWICE.run, 1.0, {x: 0.5}))
     with pytest.raises(StatementError, match="no state was found that satisfies the constraints 'a' and 'b' together"):
         pendulum({"a": x - 1, "b": x - 2}, redundant="allow")
 

@@ -1,6 +1,7 @@
 """The loop over steps: its counts, grids and directions, flows, and the right status for each end of a run."""
 
 import math
+import re
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import partialmethod
@@ -11,7 +12,7 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError
 from lagrange.machine.numpy_machine import NumpySeries
 from lagrange.machine.state import Outcome
 from lagrange.trajectory.integrator import Problem
@@ -134,8 +135,7 @@ def test_parameters_as_an_array_with_any_method(method: str) -> None:
         assert (flow([1.0, 0.0], 0.0, 1.0, values) == expected).all()
         assert expected[0] == pytest.approx(math.cos(math.sqrt(stiffness)), abs=1e-7)
     for wrong, words in ((np.ones(3), "parameters has shape"), (np.array([1.0, np.nan]), "is nan: give a finite")):
-        with pytest.raises(StatementError, match=words):
-            flow([1.0, 0.0], 0.0, 1.0, wrong)
+        assert re.search(words, refusal(flow, [1.0, 0.0], 0.0, 1.0, wrong))
 
 
 @pytest.mark.few(1)
@@ -165,10 +165,8 @@ def test_what_is_not_a_state_or_a_time_is_refused(target: str) -> None:
     assert "y0 has entries of type complex128: give real numbers" in refusal(flow, START * 1j, 0.0, 1.0)
     times: list[tuple[Any, str]] = [(math.nan, "is nan: give a finite number"), (math.inf, "is inf")]
     for bad, message in [*times, (1j, "complex number"), ("1", "give a number")]:
-        with pytest.raises(StatementError, match=f"the last time .*{message}"):
-            flow(START, 0.0, bad)
-        with pytest.raises(StatementError, match=f"the first time .*{message}"):
-            flow(START, bad, 1.0)
+        assert re.search(f"the last time .*{message}", refusal(flow, START, 0.0, bad))
+        assert re.search(f"the first time .*{message}", refusal(flow, START, bad, 1.0))
     assert "'z' is not a parameter" in refusal(flow, START, 0.0, 1.0, parameters={"z": 1})
 
 

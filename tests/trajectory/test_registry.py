@@ -92,8 +92,7 @@ def test_a_method_without_its_package_is_listed_and_refused_when_it_runs(monkeyp
     ],
 )
 def test_options_of_cvode_that_cannot_be_meant(options: dict[str, Any], words: str) -> None:
-    with pytest.raises(StatementError, match=words):
-        methods.CVODE(**options)
+    assert re.search(words, refusal(methods.CVODE, **options))
 
 
 def test_every_built_in_method_stands_in_the_public_module() -> None:
@@ -107,8 +106,7 @@ def test_every_built_in_method_stands_in_the_public_module() -> None:
     [("RK45", "dopri5"), ("ode45", "dopri5"), ("RK4", "rk4"), ("BDF", "scipy-bdf"), ("gauss4", "gauss2")],
 )
 def test_names_from_elsewhere_are_understood(given: str, meant: str) -> None:
-    with pytest.raises(StatementError, match=f"Did you mean '{meant}'"):
-        find(given)
+    assert re.search(f"Did you mean '{meant}'", refusal(find, given))
 
 
 def test_an_entry_point_is_loaded_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -262,8 +260,7 @@ def test_what_is_no_step_is_refused_in_one_sentence_of_words(case: str) -> None:
     ],
 )
 def test_what_cannot_be_registered_is_refused(name: Any, thing: Any, options: dict[str, Any], words: str) -> None:
-    with pytest.raises(lg.StatementError, match=words):
-        register(name, thing, **options)
+    assert re.search(words, refusal(register, name, thing, **options))
     assert "mine" not in names()
 
 
@@ -281,8 +278,7 @@ def test_what_cannot_be_registered_is_refused(name: Any, thing: Any, options: di
     ],
 )
 def test_a_tableau_that_is_not_one_is_refused(given: dict[str, Any], words: str) -> None:
-    with pytest.raises(lg.StatementError, match=words):
-        tableau(**given)
+    assert re.search(words, refusal(tableau, **given))
 
 
 # --- options --------------------------------------------------------------------------------------------------
@@ -303,8 +299,7 @@ SCIPY = [name for name in lg.methods.__all__ if name.startswith("Scipy")]
 @pytest.mark.parametrize(("name", "option"), TAKES)
 def test_an_option_that_no_run_could_use_is_refused(name: str, option: str) -> None:
     for value in WRONG:
-        with pytest.raises(lg.StatementError, match=option):
-            BUILT_IN[name](**{option: value})
+        assert re.search(option, refusal(BUILT_IN[name], **{option: value}))
 
 
 @pytest.mark.parametrize("name", [*SCIPY, "CVODE"])
@@ -312,8 +307,7 @@ def test_an_option_that_no_run_could_use_is_refused(name: str, option: str) -> N
 def test_a_bound_of_steps_that_is_none_is_refused(name: str, option: str) -> None:
     for value in WRONG:
         if not (option == "max_step" and value == float("inf")):
-            with pytest.raises(lg.StatementError, match=option):
-                getattr(lg.methods, name)(**{option: value})
+            assert re.search(option, refusal(getattr(lg.methods, name), **{option: value}))
     assert "max_step" in refusal(getattr(lg.methods, name), max_step=None)
 
 
