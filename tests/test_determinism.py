@@ -39,7 +39,7 @@ def texts(name: str, quantities: Iterable[str] = QUANTITIES) -> dict[str, str]:
     result = {}
     for quantity in quantities:
         program = program_of(quantity, equations)
-        result[f"{name} {quantity} program"] = str(program)
+        result[f"{name} {quantity} program"] = repr(program)
         result[f"{name} {quantity} scalar"] = KernelCode(program).scalar_module()
         result[f"{name} {quantity} columns"] = KernelCode(program).column_module(4)
     return result

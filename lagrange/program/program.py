@@ -34,7 +34,8 @@ and gives its factors. `solve` takes factors and a right-hand side and gives a v
 vector. If a matrix cannot be factored, the whole evaluation is marked as singular.
 """
 
-PLACED, SYSTEMS = ("state", "parameter", "component"), ("factor", "solve")
+SYSTEMS = ("factor", "solve")
+"""Operations of linear systems with a matrix of a given order."""
 
 
 class Instruction(NamedTuple):
@@ -51,22 +52,12 @@ class Instruction(NamedTuple):
     order: int = 0
     negative: tuple[int, ...] = ()
 
-    def __str__(self) -> str:
-        shown = [self.place] if self.op in PLACED else [self.order] if self.op in SYSTEMS else []
-        data = (
-            [f"{self.value:.17g}"] if self.op == "constant" else [*map(str, shown), *(f"-{i}" for i in self.negative)]
-        )
-        return " ".join([self.op, *data, *(f"%{arg}" for arg in self.args)])
-
 
 class ProgramBlock(NamedTuple):
     """The name and the size of a block of inputs or results, such as the coordinates or the momenta."""
 
     name: str
     size: int
-
-    def __str__(self) -> str:
-        return f"{self.name}[{self.size}]"
 
 
 @dataclass(frozen=True)
@@ -90,15 +81,6 @@ class Program:
     shape: tuple[int, ...]
     returned: tuple[str, ...] = ()
     solved: bool = False
-
-    def __str__(self) -> str:
-        arguments = ["t", *map(str, self.inputs), f"p[{self.parameters}]"]
-        lines = [f"{self.name}: {', '.join(arguments)} -> {', '.join(map(str, self.results))} as {list(self.shape)}"]
-        for i, instruction in enumerate(self.instructions):
-            if i in (0, self.hoisted):
-                lines.append("once per parameters:" if i < self.hoisted else "every time:")
-            lines.append(f"  %{i} = {instruction}")
-        return "\n".join([*lines, "return " + " ".join(f"%{output}" for output in self.outputs)])
 
     @property
     def states(self) -> int:

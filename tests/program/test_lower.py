@@ -165,7 +165,7 @@ def test_a_long_product_is_lowered_without_depth() -> None:
 
 
 # --- program --------------------------------------------------------------------------------------------------
-# Programs print every instruction, and the tables of operations are complete.
+# What is saved of hoisted instructions; the tables of operations are complete.
 
 I = Instruction
 SOUND = Program(
@@ -189,25 +189,6 @@ SOUND = Program(
     results=(ProgramBlock("a", 1), ProgramBlock("b", 2)),
     shape=(3,),
 )
-
-
-def test_a_program_prints_every_instruction_with_its_exact_numbers() -> None:
-    assert str(SOUND).splitlines() == [
-        "sound: t, q[1], v[1], p[1] -> a[1], b[2] as [3]",
-        "once per parameters:",
-        "  %0 = parameter 0",
-        "  %1 = constant 0.10000000000000001",
-        "  %2 = mul %0 %1",
-        "every time:",
-        "  %3 = state 0",
-        "  %4 = state 1",
-        "  %5 = time",
-        "  %6 = fma %2 %3 %5",
-        "  %7 = factor 2 %3 %1 %4",
-        "  %8 = solve 2 %7 %6 %4",
-        "  %9 = component 1 %8",
-        "return %9 %6 %9",
-    ]
 
 
 def test_what_is_saved_is_what_the_rest_reads() -> None:
