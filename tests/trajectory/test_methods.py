@@ -17,7 +17,7 @@ from lagrange.errors import StatementError
 from lagrange.evidence.precise_run import precise_run
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.statement.coordinate import coordinates
+from lagrange.statement.coordinate import coordinates, t
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.implicit import BITS, ImplicitMethod, gauss_tableau
 from lagrange.trajectory.methods.radau import continued
@@ -29,12 +29,14 @@ from tests.models import LLVM_FIRST, SYSTEMS, TARGETS, B, build, g, k, l, m, mod
 from tests.refusals import refusal
 from tests.trajectory.runs import (
     ADAPTIVE,
+    CONSTRAINED,
     EQUAL,
     FIXED,
     IMPLICIT,
     MOMENTA,
     SPLITTINGS,
     STEPPED,
+    equal,
     exact,
     implicit,
     run,
@@ -152,6 +154,19 @@ def test_first_guesses_of_radau_continue_a_polynomial_of_the_last_step() -> None
     points, following = (0.0, 0.3, 0.6, 1.0), (0.25, 1.0)
     guesses = continued(points, following, 2.0, [s**3 - 2 * s for s in points])
     assert guesses == pytest.approx([s**3 - 2 * s for s in (1.5, 3.0)])
+
+
+@pytest.mark.parametrize("name", MOMENTA)
+def test_a_mass_may_depend_on_time(name: str) -> None:
+    """With the mass exp(t) the motion is x'' + x' + x = 0 (Caldirola, Kanai). The run does not begin at t = 0."""
+    held = {"both": x - y} if name in CONSTRAINED else {}
+    energies = {key: sp.exp(t) * (u**2 + v**2) / 2 for key, u, v in (("kinetic", x.dot, y.dot), ("potential", x, y))}
+    compiled = build("llvm", coordinates=[x, y], constraints=held, **energies)
+    decay, sine, cosine = math.exp(-0.5), math.sin(0.75**0.5) / 3**0.5, math.cos(0.75**0.5)
+    true = np.repeat([decay * (cosine + sine), -2 * decay * sine], 2)
+    ends = [run(compiled, 2.0, equal(name), 1.0, {x: 1.0, y: 1.0}, step=1 / steps).y[:, -1] for steps in (20, 40)]
+    first, second = (np.abs(end - true).max() for end in ends)
+    assert second < max(1e-12, 0.3 * first) and first < 1e-3
 
 
 # --- rounding errors of long runs -----------------------------------------------------------------------------
