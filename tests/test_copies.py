@@ -282,6 +282,11 @@ def _statement_with(path: Path, old: str, new: str) -> Path:
     return _changed(path, statement=np.array(text.replace(old, new)))
 
 
+def _with_history(path: Path, values: tuple[int, int], added: int) -> Path:
+    arrays = {"history_values": np.zeros(values), "history_added": np.zeros(added)}
+    return _changed(path, history_begins=np.zeros(1), **arrays)
+
+
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
     shared_scene("pendulum").run(0.1).to_npz(path)
@@ -312,6 +317,16 @@ CHANGES: list[tuple[Callable[[Path], Path], str]] = [
     (partial(_changed, statement=np.array('{"form": 1, "nodes": []}')), "its statement is JSON, as development versio"),
     (partial(_changed, card=np.array("[" * 100_000)), "is not a run that to_npz wrote (RecursionError"),
     (partial(_changed, statement=np.array("a = " + "[" * 100_000)), "the file is nested too deeply"),
+    (partial(_changed, history_begins=np.zeros(1)), "it lacks history_values and history_added"),
+    (partial(_with_history, values=(1, 9), added=1), "it has (9,) parameters after events, not those of its system"),
+    (
+        partial(_with_history, values=(1, 9), added=2),
+        "arrays of a history have the shapes (1,) (begins), (1, 9) (v",
+    ),
+    (
+        partial(_with_history, values=(2, 9), added=1),
+        "arrays of a history have the shapes (1,) (begins), (2, 9) (v",
+    ),
 ]
 
 
