@@ -1,15 +1,19 @@
 """What every test shares: no window opens, random examples repeat, and a default run takes few of many cases."""
 
 import gc
+import hashlib
 import os
 import signal
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from functools import cache
+from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
 import hypothesis
+import joblib
+import llvmlite.binding as llvm
 import matplotlib as mpl
 import pytest
 from sympy import Symbol
@@ -22,7 +26,6 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import Procedure
 from lagrange.statement.coordinate import COORDINATES, PARAMETERS
 from tests import covering
-from tests.kept_code import KeptCode
 from tests.procedure.verify import verify
 
 mpl.use("Agg")
@@ -48,6 +51,42 @@ def verified(make: Any) -> Any:
 
 for owner, maker in ((Builder, "finish"), (rewrite._Binder, "_made"), (exported_integrator, "without_vectors")):
     setattr(owner, maker, verified(getattr(owner, maker)))
+
+# LLVM takes almost half of the processor time of a test run. Most texts that it compiles occurred in the previous run.
+
+ROOM = 500_000_000
+"""Bytes in the folder after a run. A default run writes some 60 MB, a run of all cases several times as much."""
+
+compile_text = engine._compiled
+
+
+def compiled(key: str, text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
+    """Return the object code of a text. `key` is a hash of all on which it depends; joblib reads no other argument."""
+    return compile_text(text, effort, passes)
+
+
+class KeptCode:
+    """A replacement for the function that compiles a text, which reads the code of known texts from a folder.
+
+    The key of a code has the text, the passes, the version of LLVM, the processor, and the source of the engine.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._memory = joblib.Memory(folder, verbose=0)
+        self._kept = self._memory.cache(compiled, ignore=["text", "effort", "passes"])
+        processor = f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
+        self._setting = f"{llvm.llvm_version_info} {processor} {Path(engine.__file__).read_text('utf-8')}"
+
+    def __call__(self, text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
+        """Return the object code of a text."""
+        way = f"{self._setting}\n{effort} {passes and passes.__name__}\n{text}"
+        code: bytes = self._kept(hashlib.sha256(way.encode()).hexdigest(), text, effort, passes)
+        return code
+
+    def shrink(self) -> None:
+        """Remove the least recently used code until the rest fits."""
+        self._memory.reduce_size(bytes_limit=ROOM)
+
 
 EXAMPLES = {True: 100, False: 10}
 """Random examples of a law that says no number of its own, with and without --all."""

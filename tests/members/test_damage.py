@@ -12,7 +12,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.members import jobs, store
-from tests.members.store_files import files
+from tests.members.test_store import files
 from tests.models import shared_scene
 from tests.public.test_wrong_calls import Caught
 

@@ -12,12 +12,16 @@ import pytest
 
 import lagrange as lg
 from lagrange.members import store
-from tests.members.store_files import files
 from tests.refusals import refusal
 
 zarr = pytest.importorskip("zarr")
 
 GRID = lg.grid({"x": (-0.6, 0.6, 12), "y": (-0.3, 0.3, 8)})
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Return the content of each file of a store, by its path in the folder."""
+    return {str(item.relative_to(folder)): item.read_bytes() for item in sorted(folder.rglob("*")) if item.is_file()}
 
 
 def run(**options: Any) -> lg.Ensemble:

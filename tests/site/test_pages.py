@@ -3,6 +3,7 @@
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -13,6 +14,13 @@ import lagrange as lg
 
 Module = Callable[[str], ModuleType]
 ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def module(monkeypatch: pytest.MonkeyPatch) -> Module:
+    """Import one of the site's modules by its name."""
+    monkeypatch.syspath_prepend(ROOT / "docs" / "site")
+    return import_module
 
 
 def test_every_public_name_has_a_place_in_the_reference(module: Module) -> None:

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lagrange.errors import SceneError
-from lagrange.statement.coordinate import t
+from lagrange.statement.coordinate import coordinate, t, velocity_of
 from lagrange.statement.scene.expressions import number_from_text, read_expression, read_number
 from lagrange.statement.scene.guard import CHUNK, Guard, RefusalError, replaced
 from lagrange.statement.scene.library import LIBRARY
@@ -22,7 +22,14 @@ from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.functions import ALIASES, WORDS
 from tests.covering import examples
 from tests.graph.trees import KINKED, SMOOTH, SYMBOLS, Forms, expressions
-from tests.statement.names import NAMES, PARAMETERS, g, k, m, v, x, y
+
+x, y = coordinate("x"), coordinate("y")
+v = velocity_of(x)
+ODD = ["E", "S", "N", "I", "Q", "O", "gamma", "beta", "zeta", "lamda", "pi_0", "m2"]
+PARAMETERS = {name: sympy.Symbol(name, real=True) for name in ["m", "g", "k", *ODD]}
+NAMES: dict[str, Any] = {"x": x, "y": y, "x_dot": v, **PARAMETERS}
+m, g, k = (PARAMETERS[name] for name in ("m", "g", "k"))
+
 
 half = sympy.Rational(1, 2)
 
