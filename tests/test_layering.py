@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -37,9 +38,11 @@ def named(files: Mapping[str, str]) -> Modules:
     return {".".join(part for part in parts[file] if part != "__init__"): parsed(files[file]) for file in files}
 
 
-MODULES = named(PACKAGE)
-GRAPH = grimp.build_graph("lagrange")
-"""All imports of the package, also those inside functions and for types."""
+@cache
+def imports() -> grimp.ImportGraph:
+    """Return all imports of the package, also those inside functions and for types."""
+    return grimp.build_graph("lagrange")
+
 
 TYPES_ALONE = {
     "lagrange.procedure.values": "lagrange.procedure.builder",
@@ -78,16 +81,17 @@ def by_name(node: ast.AST) -> bool:
 def unreachable() -> set[str]:
     """Return modules that no public name, entry point or `python -m` reaches."""
     public = nodes(parsed((ROOT / "lagrange" / "__init__.pyi").read_text("utf-8")))
-    constants = (node.value for name in TABLES for node in nodes(MODULES[name]) if isinstance(node, ast.Constant))
+    trees = named({file: source for file, source in PACKAGE.items() if "import_module" in source})
+    constants = (node.value for name in TABLES for node in nodes(trees[name]) if isinstance(node, ast.Constant))
     texts = [value.split(":")[0] for value in constants if isinstance(value, str)]
     for node in public:
         if isinstance(node, ast.ImportFrom):
             texts += [f"{node.module}", *(f"{node.module}.{alias.name}" for alias in node.names)]
     names = {"lagrange", *entry_points(), *texts, *(f"lagrange.{text.lstrip('.')}" for text in texts)}
-    begun = names & GRAPH.modules
-    reached = begun.union(*map(GRAPH.find_upstream_modules, begun))
+    begun = names & imports().modules
+    reached = begun.union(*map(imports().find_upstream_modules, begun))
     packages = {name.rpartition(".")[0] for name in reached}
-    return GRAPH.modules - reached - packages
+    return imports().modules - reached - packages
 
 
 PAGE = "lagrange.compiler"
@@ -103,8 +107,8 @@ STAGE_CALLS = {
 
 def called_elsewhere() -> Iterator[str]:
     """Yield modules other than compiler.py that use functions which make the next stage."""
-    for name in MODULES.keys() - {PAGE}:
-        for node in nodes(MODULES[name]):
+    for name in named(PACKAGE).keys() - {PAGE}:
+        for node in nodes(named(PACKAGE)[name]):
             if isinstance(node, ast.ImportFrom):
                 calls = STAGE_CALLS.get(node.module or "", ())
                 yield from (f"{name} imports {alias.name}" for alias in node.names if alias.name in calls)
@@ -122,18 +126,19 @@ def test_imports_flow_one_way() -> None:
 
 def test_every_stage_is_called_on_the_page_of_the_compiler_alone() -> None:
     assert list(called_elsewhere()) == []
-    whole = ast.unparse(MODULES[PAGE])
+    whole = ast.unparse(named(PACKAGE)[PAGE])
     assert all(f"{call}" in whole for calls in STAGE_CALLS.values() for call in calls)
 
 
 def test_no_cycles() -> None:
     # The package's __init__ is a table of names: who takes a name from it does not wait for its modules.
-    named = {name: GRAPH.find_modules_directly_imported_by(name) for name in GRAPH.modules - {"lagrange", *VIEWED}}
-    TopologicalSorter({name: arrows - {TYPES_ALONE.get(name)} for name, arrows in named.items()}).prepare()
+    stages = imports().modules - {"lagrange", *VIEWED}
+    arrows = {name: imports().find_modules_directly_imported_by(name) - {TYPES_ALONE.get(name)} for name in stages}
+    TopologicalSorter(arrows).prepare()
 
 
 def test_no_import_of_ourselves_inside_a_function() -> None:
-    assert hidden_imports(MODULES) == []
+    assert hidden_imports(named(PACKAGE)) == []
 
 
 @pytest.mark.parametrize(
@@ -170,12 +175,12 @@ def test_the_root_has_the_system_and_the_compiler_alone() -> None:
 
 
 def test_entry_points_exist() -> None:
-    assert entry_points() <= GRAPH.modules
+    assert entry_points() <= imports().modules
 
 
 def test_names_and_depth_of_modules() -> None:
-    assert [name for name in MODULES if any(DRAWERS.fullmatch(part) for part in name.split("."))] == []
-    assert [name for name in MODULES if name.count(".") > 3] == []
+    assert [name for name in named(PACKAGE) if any(DRAWERS.fullmatch(part) for part in name.split("."))] == []
+    assert [name for name in named(PACKAGE) if name.count(".") > 3] == []
 
 
 ROW = re.compile(r"\| `(lagrange[\w/]*)` \| [^|]{10,} \| ((?:`tests/[\w/.]+` ?)+)\|")

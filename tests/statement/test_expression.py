@@ -84,7 +84,7 @@ def test_any_value_can_be_shown(value: Any, words: str) -> None:
 )
 def test_numbers_of_every_kind(value: Any) -> None:
     assert real_number(value, "m") == 1.5 and type(real_number(value, "m")) is float
-    assert real_number(np.int64(2), "m") == real_number(2, "m") == 2.0
+    assert real_number(np.int64(2), "m") == real_number(2, "m") == 2.0 and flag(np.bool_(1), "progress") is True
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,3 @@ REFUSALS: list[tuple[Any, str, Any, str]] = [
 @pytest.mark.parametrize(("read", "name", "value", "message"), REFUSALS, ids=lambda case: str(case)[:20])
 def test_values_that_are_refused(read: Callable[..., Any], name: str, value: Any, message: str) -> None:
     assert message in refusal(read, value, name)
-
-
-def test_a_truth_value_of_numpy_is_one() -> None:
-    assert flag(np.bool_(1), "progress") is True
