@@ -61,7 +61,7 @@ class Builder:
         self.current: list[Statement] = []
         self._folds: list[form.Fold] | None = None
         self._constants: list[dict[tuple[Kind, str], Any]] = [{}]
-        """The constants of each open block."""
+        """The constants of each open block, by their kind and the text of their value."""
         self._count = 0
 
     # --- parameters

@@ -455,7 +455,10 @@ def inner(statement: Statement) -> tuple[Block, ...]:
 
 
 def rebuilt(statement: Statement, change: Callable[[Block], Block]) -> Statement:
-    """Return a statement in which `change(block)` replaces each inner block, called for the last block first."""
+    """Return a statement in which `change(block)` replaces each inner block.
+
+    `change` is called for the last block first, so that a pass from the end of a procedure meets blocks in its order.
+    """
     names = _BLOCKS.get(type(statement), ())
     changes: dict[str, Any] = {name: change(getattr(statement, name)) for name in reversed(names)}
     return statement._replace(**changes)

@@ -98,7 +98,7 @@ class _VariationSearch:
         self.varying: set[int] = set()
         self.shifted: set[int] = set()
         self.written: set[int] = set()
-        """Arrays that are written."""
+        """Ids of the arrays among the parameters that the procedure may write, and of their parts."""
         self.returns_early = False
         self.results = [False] * len(procedure.results)
         for parameter, variation in zip(procedure.parameters, signature, strict=True):

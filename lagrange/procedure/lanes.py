@@ -260,7 +260,7 @@ class _Rewriter(Visitor, MemberStatements):
         return self.put("mul", WHOLE, old_index, self.constant(WHOLE, self.lanes))
 
     def indices(self, memory: MemberMemory, old_index: int) -> int:
-        """Return the id of a vector of indices in the new memory, one for each member, for an old index."""
+        """Return the id of a vector of indices in the array of all members: for each member that of `old_index`."""
         index = old_index if memory.starts is None else self.put("add", WHOLE, memory.starts, old_index)
         if not memory.varying:
             return self.wide(index)

@@ -125,7 +125,7 @@ class _Pass:
     def __init__(self, pruner: Pruner, got: frozenset[int]) -> None:
         self.pruner, self.got = pruner, got
         self.needed: set[int] = set()
-        """Numbers that later statements read."""
+        """Ids of the values that later statements read."""
 
     def block(self, block: Block) -> Block:
         """Return a block without statements whose results are never read."""
@@ -200,7 +200,7 @@ class _Rewriter:
         return replacements
 
     def statement(self, statement: Statement) -> None:
-        """Add the statements that replace one statement, or defer it to the next loop."""
+        """Add the statements that replace one statement, or defer it to the next loop over the entries of vectors."""
         match statement:
             case form.VectorLet(ref=ref, vector=vector, op="permute"):
                 self.vectors[ref] = vector

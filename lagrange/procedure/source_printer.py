@@ -20,7 +20,7 @@ INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
 """Names of loop indices, from the outermost on."""
 
 LONGEST_VALUE = 60
-"""Length in characters from which an expression is assigned to a name."""
+"""Length in characters from which the text of a value is assigned to a name, not repeated where the value is used."""
 
 
 class SourcePrinter(Visitor, Syntax):

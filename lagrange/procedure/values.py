@@ -43,7 +43,7 @@ def _unary(op: str) -> Callable[[Any], Any]:
 
 
 class _Ordered(Value):
-    """Operations that are common to reals and wholes."""
+    """Python operators of reals and wholes: sums, products and comparisons."""
 
     __add__, __radd__ = _operator("add"), _reflected("add")
     __sub__, __rsub__ = _operator("sub"), _reflected("sub")

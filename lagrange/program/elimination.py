@@ -14,8 +14,8 @@ from functools import cached_property, lru_cache
 from lagrange.equations.solve_plan import SolvePlan, band_order
 
 LARGEST_IN_LINE = 6
-"""Largest matrix without multipliers whose elimination is printed one operation at a time. For a larger matrix a loop
-is as fast and compiles quickly.
+"""Largest number of rows of a matrix without multipliers whose elimination is printed one operation at a time. For a
+larger matrix a loop is as fast and compiles quickly.
 """
 
 MOST_MULTIPLICATIONS = 30_000

@@ -29,10 +29,10 @@ class RecurrenceBuilder:
     """Builds series values for graph nodes: each is a Taylor series with a rule for its coefficients.
 
     A node gets one series value, which other rules name by its index. `nodes` has for each value the node that computes
-    it at order 0, or None. `rate` is dq/dt, by default v. `unknowns` maps the symbols that a linear system determines,
-    except velocities, to their index among all unknowns. `integrals` maps other symbols to their derivatives. With
-    `termwise` each term of the factor a' - b' in the rate of sin(a - b) is multiplied separately, because cos(a - b) a'
-    may exist already.
+    it at order 0, or None. `rate` has the nodes of dq/dt; if it is empty, these are the velocities v. `unknowns` maps
+    the symbols that a linear system determines, except velocities, to their index among all unknowns. `integrals` maps
+    other symbols to their derivatives. The rate of sin(a - b) is cos(a - b) (a' - b'). With `termwise` its terms are
+    multiplied out, because cos(a - b) a' may exist already.
     """
 
     def __init__(

@@ -89,7 +89,7 @@ SUMS: dict[str, tuple[tuple[Factor, Factor], ...]] = {
     "along": ((Factor(0, ranked=True), _SECOND),),
     "against": ((Factor(OWN, ranked=True), _SECOND),),
 }
-"""The factors (x, y) of the sums over 0 < j < k of x[j] y[k-j] that a rule reads."""
+"""For each operation of a rule, the factors (x, y) of the sums of x[j] y[k-j] over 0 < j < k that it reads."""
 
 
 class SeriesRule(NamedTuple):
@@ -184,7 +184,7 @@ class SeriesProgram:
     def trials(self) -> tuple[tuple[int, ...], ...]:
         """For each stage, indices of the series values to compute before its linear system is solved, in order.
 
-        They are computed with unknowns of zero. The right-hand side of the system reads them.
+        The system's unknowns count as zero in them, because its right-hand side is computed from them.
         """
         sides = ([value for value in stage.left if value is not None] for stage in self.stages)
         return tuple(self._at(self._needed(values), solved) for solved, values in enumerate(sides, 1))
@@ -216,7 +216,7 @@ class SeriesProgram:
 
     @cached_property
     def watched_degree(self) -> int:
-        """Highest power of the state in a watched value, a switching function or an event.
+        """Highest power of the state in any watched value. Watched values are switching functions and event functions.
 
         A series of lower order may lack the term of this power.
         """

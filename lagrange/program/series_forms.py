@@ -171,7 +171,7 @@ class _ByParts:
         self.slopes: dict[Node, Node] = {}
 
     def form(self) -> Form | None:
-        """Return d'Alembert's form of the equations, or None if it has too many terms."""
+        """Return d'Alembert's form of the equations, or None if an expanded sum has more than `MOST_TERMS` terms."""
         graph = self.graph
         for momentum in sorted(self.p, key=lambda node: node.id):
             if not self.split(momentum):
@@ -242,7 +242,7 @@ class _FinishedCoordinates:
         self._places: dict[tuple[Node, ...], list[int]] = {}
 
     def add(self, force: _Term, slope: _Term, rest: Node) -> None:
-        """Add a coordinate: its force f, its slope (the sum of Y dC/dt), and the node `rest` of f minus the slope."""
+        """Store a coordinate: its force f, its slope (see the class), and the node `rest` of f minus the slope."""
         self._places.setdefault(force[0], []).append(len(self._forces))
         self._forces.append((force, slope, rest))
 

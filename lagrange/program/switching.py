@@ -64,9 +64,10 @@ def switch(graph: Graph, outputs: Sequence[Node]) -> Switched:
 
 
 class _Switches:
-    """Replaces switches by expressions in the sides of surfaces, and collects the surfaces.
+    """Replaces each switch by a smooth expression, and collects the surfaces on which the switches change.
 
-    A surface is the zero set of a node g, and its side is the sign of g. The nodes g and -g have one surface.
+    A surface is the zero set of a node g, and its side is the sign of g. The smooth expressions contain a symbol for
+    each side. The nodes g and -g have one surface.
     """
 
     def __init__(self, graph: Graph, read: Callable[[Node], Node], sided: Container[Node]) -> None:

@@ -196,7 +196,7 @@ class Tracer(Names):
         with self.p.block() as body:
             made = self.number(right(), FLAG, f"a side of `{op}`")
         condition = self.is_flag(left)
-        if self.is_pure([body], "the right side of `and` and `or`"):
+        if self.add_if_pure([body], "the right side of `and` and `or`"):
             return self.p.operation(op, condition, made)
         outcome = self.p.variable(condition)
         branch = (*body, Set(outcome.ref, made.ref))
@@ -225,15 +225,15 @@ class Tracer(Names):
         for i, body in enumerate(bodies):
             with self.resumed(body):
                 values[i] = self.number(values[i], kind, "the choice")
-        if self.is_pure(bodies, "a choice"):
+        if self.add_if_pure(bodies, "a choice"):
             return self.p.operation("select", self.is_flag(condition), *values)
         outcome = self.p.variable(ZERO[kind])
         ways = [(*body, Set(outcome.ref, value.ref)) for body, value in zip(bodies, values, strict=True)]
         self.p.add(When(self.is_flag(condition).ref, ways[0], ways[1]))
         return outcome.value
 
-    def is_pure(self, bodies: Sequence[list[Statement]], construct: str) -> bool:
-        """Return True if blocks only compute values. If so, their statements are added to the present block.
+    def add_if_pure(self, bodies: Sequence[list[Statement]], construct: str) -> bool:
+        """Add the statements of `bodies` to the present block if they only compute values. Return True if they do.
 
         `construct` names the expression in the error message: inside an `each` other blocks are not allowed.
         """

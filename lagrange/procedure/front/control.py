@@ -453,7 +453,7 @@ class EachBlock(Block):
         self.folds[slot] = op, number
 
     def folded(self, slot: int, first: Any) -> Any:
-        """Return the result of the reduction with index `slot`. `first` is the value of its name before the loop."""
+        """Return the result of reduction number `slot` of the loop. `first` is the value of its name before it."""
         tracer = self.tracer
         op, value = self.folds[slot]
         neutral = {"add": 0.0, "dot": 0.0, "magnitude": 0.0, "most": -math.inf, "max": -math.inf}.get(op)
