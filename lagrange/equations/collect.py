@@ -60,12 +60,12 @@ def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
     """
     sums = list(dict.fromkeys(k for monomial in terms for k, _ in monomial if algebra.factors[k].is_Add))
     for k in sums:
-        if len(algebra.factors[k].args) <= LONGEST_SUM and _worthwhile(algebra, terms, k):
+        if len(algebra.factors[k].args) <= LONGEST_SUM and _is_worthwhile(algebra, terms, k):
             terms = _put_together(algebra, terms, k)
     return terms
 
 
-def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
+def _is_worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
     """Return True if merging terms with powers of factor `k` of the algebra, a sum, may shorten the sum `terms`.
 
     It may in three cases: the exponents of the factor differ between terms; an exponent is whole, so that the power can

@@ -210,7 +210,7 @@ class Decisions:
         """
         if self.power_seen is not None or self._has_power:
             return self.power_seen
-        if self._forceless and self.timeless is True:
+        if self._has_no_force and self.timeless is True:
             return True
         return self._by_algebra(
             lambda stated: not stated.jumps(stated.time) and is_identity(stated.algebra, stated.power)
@@ -224,7 +224,7 @@ class Decisions:
         its value at a random state is not zero. With constraints that do no work, the state must satisfy them.
         """
         laws = self.laws
-        if self._forceless and not _depends_on(laws.lagrangian, [laws.time]):
+        if self._has_no_force and not _depends_on(laws.lagrangian, [laws.time]):
             return True
         if not self._has_power:
             return None
@@ -235,7 +235,7 @@ class Decisions:
         return False if any(self._power(state) for state in states if state is not None) else None
 
     @property
-    def _forceless(self) -> bool:
+    def _has_no_force(self) -> bool:
         zero = self.laws.extra[0].graph.zero
         return all(force is zero for force in self.laws.extra)
 
@@ -274,7 +274,7 @@ class Decisions:
         return self._decided(
             absent,
             lambda point: _changes(laws.momenta, point, moving),
-            lambda stated: _still(stated, stated.momenta, (*stated.q, stated.time)),
+            lambda stated: _proven_independent(stated, stated.momenta, (*stated.q, stated.time)),
         )
 
     @cached_property
@@ -286,7 +286,7 @@ class Decisions:
         return self._decided(
             absent,
             lambda point: _changes(entries, point, moving),
-            lambda stated: _still(
+            lambda stated: _proven_independent(
                 stated, [entry for row in stated.mass for entry in row], (*stated.q, *stated.v, stated.time)
             ),
         )
@@ -406,7 +406,7 @@ def _proven_position_only(stated: StatedAlgebra) -> bool:
         )
         for p, q, force in zip(stated.momenta, stated.q, stated.applied, strict=True)
     ]
-    return _still(stated, sides, stated.v)
+    return _proven_independent(stated, sides, stated.v)
 
 
 def _free_of(stated: StatedAlgebra, symbol: Any) -> bool:
@@ -415,7 +415,7 @@ def _free_of(stated: StatedAlgebra, symbol: Any) -> bool:
     return not stated.jumps(symbol) and is_identity(stated.algebra, slope)
 
 
-def _still(stated: StatedAlgebra, sums: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
+def _proven_independent(stated: StatedAlgebra, sums: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
     """Return True if it is proven that none of the sums depends on one of the symbols."""
     slopes = (stated.algebra.differentiate(terms, symbol) for terms in sums for symbol in symbols)
     return not stated.jumps(*symbols, twice=True) and all(is_identity(stated.algebra, slope) for slope in slopes)

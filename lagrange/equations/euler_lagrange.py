@@ -307,7 +307,7 @@ class Equations:
         return {"q": self.q, "v": self.v}
 
     @cached_property
-    def settled(self) -> bool:
+    def rates_are_solved(self) -> bool:
         """True if dq/dt of the coordinates of first order (without inertia) is computed from their equations.
 
         Then the velocities of these coordinates in a state are not used. False if there are no such coordinates, or if
@@ -316,12 +316,12 @@ class Equations:
         return any(rate is not v for rate, v in zip(self.rate, self.v, strict=True))
 
     @property
-    def unsettled(self) -> bool:
+    def has_unsolved_rates(self) -> bool:
         """True if there are coordinates without inertia whose velocities are not computed by formulas.
 
         These velocities are then taken from the state, which must satisfy the equations of these coordinates.
         """
-        return bool(self.first_order) and not self.settled
+        return bool(self.first_order) and not self.rates_are_solved
 
     @cached_property
     def following(self) -> list[int]:

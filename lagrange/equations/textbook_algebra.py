@@ -412,14 +412,14 @@ class TextbookAlgebra(StatedAlgebra):
         if not self.decimal:
             return expression
         fractions = sorted(expression.atoms(Rational), key=str)
-        return expression.xreplace({number: Float(number) for number in fractions if _unreadable(number)})
+        return expression.xreplace({number: Float(number) for number in fractions if _is_unreadable(number)})
 
     def by_coordinate(self, parts: Iterable[Any]) -> Mapping[Any, Any]:
         """Return {coordinate: part} for `parts`, which has one expression for each coordinate in order."""
         return MappingProxyType(dict(zip(self.statement.coordinates, parts, strict=True)))
 
 
-def _unreadable(number: Any) -> bool:
+def _is_unreadable(number: Any) -> bool:
     """Return True for a fraction that is better shown as a decimal, such as 981/100; False for 1/2 and 1/3."""
     numerator, denominator = abs(int(number.p)), int(number.q)
     if max(numerator, denominator) > LARGEST_FRACTION:

@@ -139,7 +139,7 @@ class _Session:
         self.model = model
         self.other = other
         self.statement = model.statement
-        self.reference = Reference(self.statement, model.equations.first_order, model.equations.settled)
+        self.reference = Reference(self.statement, model.equations.first_order, model.equations.rates_are_solved)
         self.full_count = points or (FEW_POINTS if len(self.statement.coordinates) > MANY_COORDINATES else POINTS)
         # If the Jacobian has many columns, each point checks the next few of them in turn. If that takes too long, a
         # direction replaces the columns, and their number is 0.

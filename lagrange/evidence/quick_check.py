@@ -83,7 +83,7 @@ def quick_check(model: Model) -> None:
         # There may be no fault: the mass matrix may be singular here, a number too large, or a kink too near.
         if len(a) > MOST_CONFIRMED and (suspicious := suspicious + 1) == 1:
             return None
-        if _confirm(model, statement, point, a) or (confirmations := confirmations + 1) == CONFIRMATIONS:
+        if _is_confirmed(model, statement, point, a) or (confirmations := confirmations + 1) == CONFIRMATIONS:
             return True
         return None
 
@@ -110,13 +110,13 @@ def _allowed(model: Model, point: SamplePoint, direction: Sequence[float]) -> li
     return [float(x) for x in w]
 
 
-def _confirm(model: Model, statement: Statement, point: SamplePoint, a: Sequence[float]) -> bool:
+def _is_confirmed(model: Model, statement: Statement, point: SamplePoint, a: Sequence[float]) -> bool:
     """Return True if the compiled accelerations `a` are right at a point, False if the point is not usable.
 
     Raises RunError if an acceleration is wrong.
     """
     try:
-        reference = Reference(statement, model.equations.first_order, model.equations.settled)
+        reference = Reference(statement, model.equations.first_order, model.equations.rates_are_solved)
         part = reference.at(point, [])["accelerations"]
     except OutsideDomain:
         return False

@@ -68,13 +68,13 @@ class Reference:
     """The quantities of a statement by numerical differentiation, without compiled code.
 
     `first_order` are the indices of coordinates without inertia. Their equations of motion contain no accelerations, so
-    the time derivatives of these equations are solved. If `settled` is true, these equations are linear in the
+    the time derivatives of these equations are solved. If `rates_are_solved` is true, these equations are linear in the
     velocities of these coordinates, and the right-hand side has their solutions in place of the velocities of the
     state.
     """
 
-    def __init__(self, statement: Statement, first_order: Sequence[int] = (), settled: bool = False) -> None:
-        self.statement, self.first_order, self.settled = statement, tuple(first_order), settled
+    def __init__(self, statement: Statement, first_order: Sequence[int] = (), rates_are_solved: bool = False) -> None:
+        self.statement, self.first_order, self.rates_are_solved = statement, tuple(first_order), rates_are_solved
         self.lagrangian = Precise([statement.lagrangian], statement, REFERENCE_DIGITS)
         self.loads = Precise([*statement.forces, statement.dissipation], statement, REFERENCE_DIGITS)
         self.constraints = Precise(
@@ -274,7 +274,8 @@ class _Differences:
         steps: DifferenceSteps,
         columns: Columns,
     ) -> None:
-        self.first_order, self.settled, self.number = reference.first_order, reference.settled, reference.number
+        self.first_order, self.rates_are_solved = reference.first_order, reference.rates_are_solved
+        self.number = reference.number
         self.source, self.constraints, self.steps, self.columns = source, constraints, steps, columns
         self.q, self.v = [list(map(self.number, x)) for x in (point.q, point.v)]
         self.t, self.n = self.number(point.t), len(point.q)
@@ -306,8 +307,8 @@ class _Differences:
                 for row, a in zip(mass, steps.v, strict=True)
             ]
         matrix, right = differences.bordered(mass, slopes), [*bias, *(-x for x in constraint_bias)]
-        velocities = self.settled_velocities(q, v)
-        if self.settled:
+        velocities = self.solved_velocities(q, v)
+        if self.rates_are_solved:
             right[:n] = [-x for x in source.residual(q, velocities, t, steps, self.still)]
         if self.first_order:
             # The time derivative of the equation of a coordinate without inertia is g a + c = 0.
@@ -365,7 +366,7 @@ class _Differences:
 
         def further(q: Any, v: Any, t: Any) -> Any:
             """Return [dp/dt - f - G^T lambda, G a + gamma] with constant a and lambda; dp/dt - f only if `whole`."""
-            free, v = self.still, self.settled_velocities(q, v)
+            free, v = self.still, self.solved_velocities(q, v)
             if whole:
                 free = source.residual(q, v, t, steps, a)
                 rates = self.relations.acceleration_level(q, v, t, steps, a)
@@ -389,7 +390,7 @@ class _Differences:
                 for i, change in enumerate(differences.slope(further, *here, direction)):
                     row[i] = row.get(i, 0) + change
         moving = [
-            differences.slope(lambda q, v, t: np.array(self.settled_velocities(q, v)), *here, direction)
+            differences.slope(lambda q, v, t: np.array(self.solved_velocities(q, v)), *here, direction)
             for direction in directions
         ]
         return {
@@ -415,12 +416,12 @@ class _Differences:
         mass = self.source.mass_matrix(*here)
         return mass, {i * n + j: x for i, row in enumerate(mass) for j, x in row.items()}
 
-    def settled_velocities(self, q: Numbers, v: Numbers) -> Numbers:
-        """Return the velocities v, with computed velocities of coordinates without inertia if `self.settled` is true.
+    def solved_velocities(self, q: Numbers, v: Numbers) -> Numbers:
+        """Return the velocities v, for a coordinate without inertia as its first-order equation gives it.
 
-        These solve the first-order equations of these coordinates.
+        If `rates_are_solved` is false, v is returned unchanged.
         """
-        if not self.settled:
+        if not self.rates_are_solved:
             return v
         rows = [[row[i] for i in self.first_order] for row in self.relations.gradient(q, v, self.t, self.steps)]
         off = self.relations.velocity_level(q, v, self.t, self.steps)

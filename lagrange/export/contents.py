@@ -94,7 +94,7 @@ def contents_of(
     quantities = [name for name in QUANTITIES if name in names]
     methods = [name for name in names if name not in (*QUANTITIES, STEP, MAIN, TAYLOR)]
     methods += [STEP_METHOD] * (STEP in names)
-    runs_itself = TAYLOR in names or any(_adaptive(name) for name in methods)
+    runs_itself = TAYLOR in names or any(_is_adaptive(name) for name in methods)
     if MAIN in names and not runs_itself and target.contents & {"steps", "runs"}:
         methods.append(ADAPTIVE_METHOD)
     _refuse(target, model, names, methods, events)
@@ -106,7 +106,7 @@ def contents_of(
     return ExportContents(tuple(quantities), steps, MAIN in names, TAYLOR in names)
 
 
-def _adaptive(name: str) -> bool:
+def _is_adaptive(name: str) -> bool:
     return name in registry.names() and registry.find(name).claims.adaptive
 
 
@@ -183,7 +183,7 @@ def _refuse_runs(target: Target, methods: Sequence[str]) -> None:
 
     Such a target has at most one method, and the method must have error control.
     """
-    plain = [name for name in methods if not _adaptive(name)]
+    plain = [name for name in methods if not _is_adaptive(name)]
     if plain:
         raise StatementError(
             f"target {target.name!r} runs with error control, which {listing(plain)} "
@@ -332,7 +332,7 @@ def _integrator(
     if control is None:
         form = one_step.form(layout=layout, relations=relations)
     else:
-        unlimited = tuple(model.equations.following) if model.equations.settled else ()
+        unlimited = tuple(model.equations.following) if model.equations.rates_are_solved else ()
         form = adaptive_run.form(layout=layout, control=control, relations=relations, unlimited=unlimited)
     procedure = replace(
         bound(form, laws, prefix=f"{identifier}_"),

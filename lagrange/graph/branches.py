@@ -17,7 +17,7 @@ LIMITED = frozenset(("log", "asin", "acos", "atan2", "pow", "exp", "sinh", "cosh
 """Functions that have no finite value or no finite derivative at some finite arguments."""
 
 
-def limited(node: Node, known: dict[Node, bool]) -> bool:
+def may_lack_value(node: Node, known: dict[Node, bool]) -> bool:
     """Return True if `node`, or a node on which it depends, may have no finite value at a finite state.
 
     `known` has the results for other nodes, and is extended.
@@ -69,7 +69,9 @@ def _readings(node: Node, when: Node, domains: dict[Node, bool]) -> list[tuple[N
     for arg, other in (node.args, node.args[::-1]):
         # An argument is used if the other one does not decide the result, and always if the other one may have no
         # value.
-        needed = when if limited(other, domains) else both(when, other if node.data == "and" else opposite(other))
+        needed = (
+            when if may_lack_value(other, domains) else both(when, other if node.data == "and" else opposite(other))
+        )
         readings.append((arg, needed))
     return readings
 

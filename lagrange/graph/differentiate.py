@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from lagrange.graph.branches import limited
+from lagrange.graph.branches import may_lack_value
 from lagrange.graph.node import Graph, Kind, Node, exact, reachable
 from lagrange.statement.vocabulary.functions import FUNCTIONS
 
@@ -161,7 +161,7 @@ def _chosen(derivative: Node, factor: Node, domains: dict[Node, bool]) -> Node:
     """
     graph = derivative.graph
     choice = derivative.kind is Kind.CALL and derivative.data == "piecewise" and graph.zero in derivative.args
-    if not choice or not limited(factor, domains):
+    if not choice or not may_lack_value(factor, domains):
         return graph.product((derivative, factor))
     values = [_chosen(value, factor, domains) for value in _values(derivative)]
     return graph.piecewise(list(zip(_conditions(derivative), values, strict=False)), values[-1])

@@ -268,7 +268,7 @@ class Graph:
         if coefficient == 0:
             return self.zero
         args = [self.power(base, exact(e)) for base, e in exponents.items() if e]
-        if any(not _irreducible(arg) for arg in args):
+        if any(not _is_irreducible(arg) for arg in args):
             return self.product([self.constant(coefficient), *args])
         args.sort(key=attrgetter("binding", "id"))
         if not args:
@@ -392,7 +392,7 @@ def _is_scaled(node: Node) -> bool:
     return node.kind is Kind.SUM and len(node.args) == 1 and not node.data[0]
 
 
-def _irreducible(node: Node) -> bool:
+def _is_irreducible(node: Node) -> bool:
     """Return True if a node stays one factor when it is multiplied by other nodes.
 
     A constant, a multiple of a node and a short product are divided into their factors instead.

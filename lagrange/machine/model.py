@@ -374,11 +374,11 @@ class Model:
     def _quick(self) -> Quick:
         quick = Quick(self.kernel, self.parameter_array)
         # These quantities have no fast functions: the velocities in the state must be checked first.
-        quick |= dict.fromkeys(RATES if self.equations.unsettled else (), QuickCalls(nothing, nothing))
+        quick |= dict.fromkeys(RATES if self.equations.has_unsolved_rates else (), QuickCalls(nothing, nothing))
         return quick
 
     def _run(self, name: str, t: float | ArrayLike, state: State, parameters: Parameters) -> FloatArray:
-        if self.equations.unsettled and name in RATES:
+        if self.equations.has_unsolved_rates and name in RATES:
             self._check_rates(t, state, parameters)
         return self._call(self.kernel(name), t, state, parameters)
 

@@ -129,7 +129,7 @@ class StatedPoint:
             branches = [self._branch(side) for side in sides]
             for x in (None, *symbols):
                 above, below = (side if x is None else side.diff(x) for side in branches)
-                if not self.is_zero((above - below).xreplace(self.table), ()) and not self._rounded(above, below):
+                if not self.is_zero((above - below).xreplace(self.table), ()) and not self._are_close(above, below):
                     raise StatementError(
                         f"the forces on {name} have a corner or a jump at {self.where}, where "
                         f"{formula(printable(edge), 60)} is zero, so that they are not linear near it. Choose another "
@@ -149,7 +149,7 @@ class StatedPoint:
 
         return side.replace(lambda node: node.is_Piecewise, chosen)
 
-    def _rounded(self, above: Any, below: Any) -> bool:
+    def _are_close(self, above: Any, below: Any) -> bool:
         """Return True if two formulas, valid on the two sides of a corner, differ at the point only by rounding.
 
         The result is False if the first one has no decimals.

@@ -368,7 +368,7 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
 
     by_place, by_speed = slopes_of(model.layout.v)
     compiled = np.hstack([by_place[fast], by_speed[np.ix_(fast, fast)]]) + by_speed[np.ix_(fast, slow)] @ shares
-    if model.equations.settled:
+    if model.equations.rates_are_solved:
         rates_by_place, rates_by_speed = slopes_of(model.layout.q)
         compiled_slow = np.hstack([rates_by_place[slow], rates_by_speed[np.ix_(slow, fast)]])
         formulas_slow = shares

@@ -278,12 +278,12 @@ def _oscillation(root: Any) -> _Root:
 def _root_of(square: Any) -> Any:
     """Return the square root of an expression, with square factors taken out of the root."""
     root = sympy.sqrt(_neat(square))
-    if not _brief(root):
+    if not _is_short(root):
         return root
     return min((root, sympy.sqrtdenest(root), root_of_square(square)), key=size)
 
 
-def _brief(expression: Any) -> bool:
+def _is_short(expression: Any) -> bool:
     """Return True if an expression is short enough for SymPy to simplify, even after expansion."""
     return size(expression) <= LONGEST_SIMPLIFIED and size(sympy.expand(expression)) <= LONGEST_SIMPLIFIED
 
@@ -291,7 +291,7 @@ def _brief(expression: Any) -> bool:
 def _neat(expression: Any) -> Any:
     """Return the shortest of a few equivalent forms of an expression with roots."""
     candidates = [expression, simplest(expression), sympy.factor_terms(expression)]
-    if _brief(expression):
+    if _is_short(expression):
         candidates += [sympy.factor(expression), rational_below(expression)]
     return min(candidates, key=size)
 

@@ -277,7 +277,7 @@ class SymmetryEquation:
         stated, algebra = self.stated, self.stated.algebra
         gauge, left = S.Zero, defect
         slopes = [algebra.merge_angles(algebra.differentiate(defect, v)) for v in stated.v]
-        if not self._total(defect, slopes):
+        if not self._may_be_time_derivative(defect, slopes):
             return S.Zero
         for q, v in (*zip(stated.q, stated.v, strict=True), (stated.time, None)):
             slope = left if v is None else algebra.differentiate(left, v)
@@ -295,7 +295,7 @@ class SymmetryEquation:
             left = algebra.merge_angles(algebra.add(left, algebra.scale(rate, S.NegativeOne)))
         return gauge if not canonical(algebra, left) else S.Zero
 
-    def _total(self, defect: MonomialSum, slopes: Sequence[MonomialSum]) -> bool:
+    def _may_be_time_derivative(self, defect: MonomialSum, slopes: Sequence[MonomialSum]) -> bool:
         """Return False if the `defect` of a candidate cannot be the time derivative v . dF/dq + dF/dt of an F(q, t).
 
         `slopes` are the derivatives of the defect by the velocities. If F exists, they are dF/dq, so that they contain

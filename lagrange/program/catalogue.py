@@ -251,7 +251,7 @@ def jacobian(equations: Equations) -> Named:
         residual = [r - force for r, force in zip(residual, held.forces(multipliers), strict=True)]
         residual += [along(psi) for psi in held.velocities]
         known |= dict(zip(multipliers, equations.impulses, strict=True))
-    if equations.settled:
+    if equations.rates_are_solved:
         # The other entries of the state determine velocities without inertia: the residual uses these velocities.
         residual = substitute(residual, dict(zip(equations.v, equations.rate, strict=True)))
     columns, solve = [], equations.plan.solver(equations.matrix)

@@ -246,7 +246,7 @@ class StepProgram:
         """
         return bool(self.solves) and self.control is None
 
-    def compensated(self, state: int) -> bool:
+    def is_compensated(self, state: int) -> bool:
         """Return True if the rounding error of state vector number `state` is stored, and added in the next step."""
         return self.exact and (state, self.graph.one) in self.results[state]
 

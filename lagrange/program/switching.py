@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 
-from lagrange.graph.branches import either, limited, read_when, where_read
+from lagrange.graph.branches import either, may_lack_value, read_when, where_read
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable, rebuild
 from lagrange.statement.vocabulary.functions import CONDITIONS
 
@@ -72,7 +72,7 @@ class _Switches:
 
     def __init__(self, graph: Graph, read: Callable[[Node], Node], sided: Container[Node]) -> None:
         self.graph, self.read, self.sided = graph, read, sided
-        self.limited: dict[Node, bool] = {}
+        self.lacking: dict[Node, bool] = {}
         self.surfaces: list[Node] = []
         self.sides: list[Node] = []
         self.expressions: list[Node] = []
@@ -106,7 +106,7 @@ class _Switches:
         The result is the condition of the branch that contains the function, or 1 (true) if the function always has a
         value.
         """
-        undefined = limited(self.expressions[surface], self.limited)
+        undefined = may_lack_value(self.expressions[surface], self.lacking)
         return self.conditions[surface] if undefined else self.graph.one
 
     def side(self, g: Node, stated: Node, when: Node) -> Node:

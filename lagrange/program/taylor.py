@@ -102,7 +102,7 @@ def assemblies(e: Equations, parts: Parts, switched: Switched) -> list[_Assembly
     n = len(p)
     derivatives = dict(zip(e.q, parts["rates"], strict=True)) if e.turning is None else e.turning.derivatives
     q, rate = list(derivatives), list(derivatives.values())
-    steady = _constant([entry for (i, _), entry in zip(e.plan.triangle, parts["triangle"], strict=True) if i < n])
+    steady = _is_constant([entry for (i, _), entry in zip(e.plan.triangle, parts["triangle"], strict=True) if i < n])
     if steady:
         # Only the part M v of p is solved for. The rest, from a potential that depends on velocities, is a force; no
         # form may assume p.
@@ -122,7 +122,7 @@ class _Assembly:
     ) -> None:
         self.equations = equations
         self.triangles, self.switched = parts["triangle"], switched
-        self.plan = replace(equations.plan, moving=not _constant(parts["triangle"]))
+        self.plan = replace(equations.plan, moving=not _is_constant(parts["triangle"]))
         self.steady = steady
         lower = dict(zip(equations.plan.triangle, parts["triangle"], strict=True))
         self.entries = {**lower, **{(j, i): entry for (i, j), entry in lower.items()}}
@@ -356,5 +356,5 @@ class _Assembly:
         return (first, Stage(unknowns, tuple(self.balances), (None,) * len(unknowns), self.plan))
 
 
-def _constant(triangles: Sequence[Node]) -> bool:
+def _is_constant(triangles: Sequence[Node]) -> bool:
     return all(entry.binding <= Binding.PARAMETER for entry in triangles)

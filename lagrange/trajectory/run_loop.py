@@ -166,7 +166,7 @@ def _at_start(problem: Problem, plan: Plan, name: str, idle: IdleDriver | None, 
     state = tolerances.begin(problem.t0, problem.t1, problem.y0) if idle is None else idle.state
     if problem.largest is not None:
         np.maximum(state.floors, state.reals[DriverState.SHARE] * problem.largest, out=state.floors)
-    if equations.settled and isinstance(plan, StepPlan):
+    if equations.rates_are_solved and isinstance(plan, StepPlan):
         # The motion does not depend on these velocities. They may jump within a step, whose end is projected.
         state.floors[equations.following] = np.inf
     alone = problem.t_eval is not None and (plan.writes_outputs or isinstance(plan, StepPlan))

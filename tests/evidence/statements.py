@@ -120,7 +120,7 @@ class StandIn:
         self.statement = statement
         self.target = target
         self.dimension = len(statement.coordinates)
-        self.equations = SimpleNamespace(first_order=(), settled=False)
+        self.equations = SimpleNamespace(first_order=(), rates_are_solved=False)
         self.late = late or (lambda name, value: value)
         self.calls: list[str] = []
         plain = dict(statement.plain)

@@ -84,7 +84,7 @@ def test_the_quick_check_passes_what_is_right(make: Callable[[], lg.System], mon
     def refused(*_: Any) -> bool:
         raise AssertionError("a right model was taken for a suspect")
 
-    monkeypatch.setattr("lagrange.evidence.quick_check._confirm", refused)
+    monkeypatch.setattr("lagrange.evidence.quick_check._is_confirmed", refused)
     quick_check(make().compile(check=False))
 
 

@@ -334,7 +334,7 @@ class Point:
     )
     layout = StateLayout(("x",), ("x",))
     equations = SimpleNamespace(
-        structure=SimpleNamespace(brief=False), constraints=(), accelerations=(), graph=Graph(), settled=False
+        structure=SimpleNamespace(brief=False), constraints=(), accelerations=(), graph=Graph(), rates_are_solved=False
     )
 
     def __init__(self, acceleration: Any) -> None:

@@ -60,7 +60,7 @@ def take_step(
             vectors.store(values, new)
             for k, value in enumerate(values):
                 entries[layout.dimension + state * layout.length + k] = value
-        elif step.compensated(state):
+        elif step.is_compensated(state):
             add_compensated(vectors, state)
         else:
             vectors.combine(result, new)
@@ -190,7 +190,7 @@ def state_parts(layout: Layout) -> list[tuple[int, int, int | None]]:
     step = layout.step
     tried = [layout.lost + (step.states + i) * layout.width for i in range(step.states)]
     return [
-        (i * layout.length, layout.place(layout.new + i), tried[i] if step.compensated(i) else None)
+        (i * layout.length, layout.place(layout.new + i), tried[i] if step.is_compensated(i) else None)
         for i in range(step.states)
     ]
 
@@ -216,7 +216,7 @@ def accept_step(
         if step.starter is not None:
             copy_vector(state, work[layout.place(step.states + i) :], width)
         copy_vector(new, state, width)
-        if step.compensated(i):
+        if step.is_compensated(i):
             lost = layout.lost + i * width
             copy_vector(work[lost + step.states * width :], work[lost:], width)
     if entries is not None:

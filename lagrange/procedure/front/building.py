@@ -80,7 +80,7 @@ class Tracer(Names):
             return KnownBlock([bool(condition)])
         if self.iterations is not None:
             raise Error("`each` cannot contain `if` statements: write `a if condition else b`.")
-        self.is_flag(condition)
+        self.as_flag(condition)
         return Branches(self, condition, weighed.likely if weighed is test else None)
 
     def loop(self, *bounds: Any) -> LoopBlock:
@@ -183,7 +183,7 @@ class Tracer(Names):
     def opposite(self, condition: Any) -> Any:
         """Return the negated condition, a flag or a bool."""
         condition = condition.condition if isinstance(condition, LikelyCondition) else condition
-        return ~self.is_flag(condition) if isinstance(condition, Value) else not condition
+        return ~self.as_flag(condition) if isinstance(condition, Value) else not condition
 
     def joined(self, op: str, left: Any, right: Callable[[], Any]) -> Any:
         """Return the value of `left op right`, with `op` "and" or "or". The function `right` computes its operand.
@@ -195,7 +195,7 @@ class Tracer(Names):
             return right() if bool(left) == (op == "and") else left
         with self.p.block() as body:
             made = self.number(right(), FLAG, f"a side of `{op}`")
-        condition = self.is_flag(left)
+        condition = self.as_flag(left)
         if self.add_if_pure([body], "the right side of `and` and `or`"):
             return self.p.operation(op, condition, made)
         outcome = self.p.variable(condition)
@@ -226,10 +226,10 @@ class Tracer(Names):
             with self.resumed(body):
                 values[i] = self.number(values[i], kind, "the choice")
         if self.add_if_pure(bodies, "a choice"):
-            return self.p.operation("select", self.is_flag(condition), *values)
+            return self.p.operation("select", self.as_flag(condition), *values)
         outcome = self.p.variable(ZERO[kind])
         ways = [(*body, Set(outcome.ref, value.ref)) for body, value in zip(bodies, values, strict=True)]
-        self.p.add(When(self.is_flag(condition).ref, ways[0], ways[1]))
+        self.p.add(When(self.as_flag(condition).ref, ways[0], ways[1]))
         return outcome.value
 
     def add_if_pure(self, bodies: Sequence[list[Statement]], construct: str) -> bool:

@@ -175,7 +175,7 @@ class Names:
             return tuple(self.varied(f"{name}{i}", entry) for i, entry in enumerate(value))
         return value if isinstance(value, Variable) or kind_of(value) is None else self.p.variable(value, name)
 
-    def is_flag(self, value: Any) -> Flag:
+    def as_flag(self, value: Any) -> Flag:
         """Return a condition as a flag. Raises Error for a value that is not a flag."""
         if not isinstance(value, Flag):
             raise Error(f"a condition must be true or false, not {described(value)}: compare it.")
@@ -304,7 +304,7 @@ class LoopBlock(Block):
         def condition() -> Flag:
             made = test()
             if isinstance(made, Value):
-                return self.tracer.is_flag(made)
+                return self.tracer.as_flag(made)
             return Flag.of(self.tracer.number(bool(made), FLAG, "a condition"))
 
         with self.tracer.p.repeat(condition):

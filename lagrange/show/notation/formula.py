@@ -179,14 +179,14 @@ class BookOrder:
         ordered.remove(first)
         return [first, *ordered]
 
-    def reversible(self, total: Any, term: Any) -> bool:
+    def is_reversible(self, total: Any, term: Any) -> bool:
         """Return True if the minus sign of a term may be moved into its factor `total`: -(m1 - m2)*g is (m2 - m1)*g.
 
         `total` must be a difference of two masses, or another difference of constants that does not occur in the
         statement. A stated difference such as R - r is usually positive, and is kept. A term that a user typed is not
         changed.
         """
-        if not total.is_Add or len(total.args) != 2 or sum(map(_negative, total.args)) != 1 or self.moves(total):
+        if not total.is_Add or len(total.args) != 2 or sum(map(_is_negative, total.args)) != 1 or self.moves(total):
             return False
         masses = all(rank[:2] == MASS for rank in self.symbols(total))
         return (masses or total not in self.sums) and term not in self.typed
@@ -197,7 +197,7 @@ class BookOrder:
         A sum of the statement keeps its signs if it has a positive term. Any other sum is written so that most of its
         terms are positive. If half of its terms are positive, the first term is made positive.
         """
-        negative = sum(map(_negative, total.args))
+        negative = sum(map(_is_negative, total.args))
         if negative == len(total.args):
             return True
         preferred = self._preferred(total)
@@ -205,7 +205,7 @@ class BookOrder:
             return bool(preferred != total)
         if 2 * negative != len(total.args):
             return 2 * negative > len(total.args)
-        return _negative(min(total.args, key=self.term))
+        return _is_negative(min(total.args, key=self.term))
 
     def oriented(self, factor: Any) -> tuple[int, Any]:
         """Return a sign, 1 or -1, and a factor with the signs of textbooks; their product is `factor`.
@@ -247,7 +247,7 @@ def _natural(parameter: Any) -> list[tuple[int, str]]:
     return [(int(part) if part.isdigit() else 0, part) for part in (head, *parts)]
 
 
-def _negative(term: Any) -> bool:
+def _is_negative(term: Any) -> bool:
     return bool(term.as_coeff_Mul()[0].is_negative)
 
 
@@ -350,7 +350,7 @@ class Typesetter:
                 side, power = (below, -exponent) if exponent.is_negative else (above, exponent)
                 side.append((base, power))
         for index, (base, power) in enumerate(above):
-            if number.is_negative and power == 1 and self.order.reversible(base, node):
+            if number.is_negative and power == 1 and self.order.is_reversible(base, node):
                 above[index], number = (-base, power), -number
         return bool(number.is_negative), above, below, abs(number)
 

@@ -189,10 +189,10 @@ def _written_out(expression: Any, coefficients: dict[Any, None]) -> Any:
         arguments = [sympy.Dummy(real=True) for _ in range(max(len(n.args) for n in functions if n.func == function))]
         polynomial = _polynomial(function.__name__, arguments, coefficients)
         expression = expression.replace(function, sympy.Lambda(tuple(arguments), polynomial))
-    return expression.replace(_pending, lambda node: node.doit())
+    return expression.replace(_is_pending, lambda node: node.doit())
 
 
-def _pending(node: Any) -> bool:
+def _is_pending(node: Any) -> bool:
     """Return True for a derivative or substitution that SymPy has not evaluated, except time derivatives."""
     return isinstance(node, sympy.Subs) or (
         isinstance(node, sympy.Derivative) and not (isinstance(node.expr, AppliedUndef) and node.expr.args == (t,))

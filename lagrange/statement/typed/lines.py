@@ -74,7 +74,7 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
         if not lines[-1].strip():
             continue
         labelled = len(line) - len(line.lstrip()) < len(lines[-1]) - len(lines[-1].lstrip())
-        if spans and _joined(before, lines[-1], anew=labelled or frame.lstrip().startswith(r"\begin")):
+        if spans and _continues(before, lines[-1], anew=labelled or frame.lstrip().startswith(r"\begin")):
             spans[-1] = (spans[-1][0], end)
         else:
             spans.append((begin, end))
@@ -124,7 +124,7 @@ def _without_labels(lines: Sequence[str], is_coordinate: Callable[[str], bool]) 
     return [" " * label.end() + line[label.end() :] if label and several else line for line, label in labels]
 
 
-def _joined(before: str, line: str, *, anew: bool) -> bool:
+def _continues(before: str, line: str, *, anew: bool) -> bool:
     """Return True if `line` continues the equation `before` it.
 
     `anew` is true if a label or the begin of a LaTeX environment precedes the line. Then a line after an equation with

@@ -117,7 +117,7 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
     projection = Projection(model, t, parameters)
     y = projection.completed(y)
     projection.check(y)
-    return projection.of(y) if projection.off(y) else y
+    return projection.of(y) if projection.is_off(y) else y
 
 
 def complete_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
@@ -136,7 +136,7 @@ def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) ->
     other constraints. Columns in which such velocities do not exist are NaN. Raises RunError if an equation determines
     no velocity.
     """
-    if not model.equations.unsettled:
+    if not model.equations.has_unsolved_rates:
         return y
     y, corrections, size = y.copy(), model.law("projection"), model.layout.size
     for _ in range(NEAREST_CORRECTIONS):

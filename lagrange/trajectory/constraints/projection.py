@@ -155,7 +155,7 @@ class Projection:
             )
         return mass
 
-    def off(self, y: FloatArray) -> bool:
+    def is_off(self, y: FloatArray) -> bool:
         """Return True if a state (2n,) is off the constraints by more than rounding."""
         return self.share(y) > ON_SURFACE
 

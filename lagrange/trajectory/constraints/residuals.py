@@ -75,7 +75,7 @@ class ConstraintResiduals:
         moving = [any(entry.binding >= Binding.VELOCITY for entry in row) for row in equations.constraints.gradient]
         self.turning = np.flatnonzero(moving)
         """Indices of the constraints whose row of the gradient G depends on velocities, and may therefore vanish."""
-        self.settled = count if equations.settled else 0
+        self.settled = count if equations.rates_are_solved else 0
         """Number of constraints, the last ones, that only define velocities of coordinates without inertia.
 
         Such a velocity may jump: the motion does not use the velocity in the state."""

@@ -170,7 +170,7 @@ class Modes:
             self._prepared[key] = PreparedMode(model, events, mode_events, ends, friction)
         return self._prepared[key]
 
-    def without_time(self, expressions: Iterable[Any]) -> bool:
+    def is_free_of_time(self, expressions: Iterable[Any]) -> bool:
         """Return True if no expression contains the time, except as the argument of coordinates and velocities."""
         stated = self.model.statement
         rates, positions = ({x: sympy.Dummy() for x in symbols} for symbols in (stated.velocities, stated.coordinates))
@@ -203,7 +203,7 @@ class Modes:
         stated = self.model.statement
         relations = (constraint.expression for constraint in stated.constraints)
         surfaces = (part for contact in self.contacts for part in (contact.gap, *contact.slip))
-        return self.without_time((stated.lagrangian, stated.dissipation, *stated.forces, *relations, *surfaces))
+        return self.is_free_of_time((stated.lagrangian, stated.dissipation, *stated.forces, *relations, *surfaces))
 
     def model_of(self, mode: Mode) -> Model:
         """Return the model of a mode, in which closed contacts are constraints and friction forces. It is cached."""

@@ -280,7 +280,7 @@ class _ContactRun:
         if self.parts:
             states = self.parts[-1].y.max(axis=1, initial=0.0), -self.parts[-1].y.min(axis=1, initial=0.0)
             self.largest = np.max([self.largest, *states, np.abs(segment.y0)], axis=0)
-        if self.parts and mode.immobile and self.modes.without_time(x.expression for x in self.problem.events):
+        if self.parts and mode.immobile and self.modes.is_free_of_time(x.expression for x in self.problem.events):
             # The mode lasts forever, and no event of the user occurs.
             self.part, changes = resting_part(replace(segment, t1=until), self.parts[-1]), []
             self.end_state, self.fired = None, []

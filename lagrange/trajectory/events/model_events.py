@@ -122,7 +122,7 @@ def reset_state(
     if left:
         solved = projection.solved_for(left, after)
         after = after if solved is None else solved
-    exact = projection.reached(before) if projection.off(before) else before
+    exact = projection.reached(before) if projection.is_off(before) else before
     judged = after if exact is None or exact is before else _reset(resets, t, exact, parameters)
     if left and judged is not after:
         solved = projection.solved_for(left, judged)
@@ -132,7 +132,7 @@ def reset_state(
     off = projection.violated(judged, before)
     if off is not None:
         return after, off_constraints(listing(names()[which] for which in resets.values()), off)
-    reached = projection.reached(after) if exact is before and projection.off(after) else None
+    reached = projection.reached(after) if exact is before and projection.is_off(after) else None
     return after if reached is None else reached, EventResult()
 
 

@@ -128,7 +128,7 @@ class SeriesWatch(EventLog):
         """
         self.read(state)
         try:
-            if self.unbegun:
+            if self.lacks_sides:
                 return self._begin(state)
             return self._finish(state) if self.pending else self._step_refused(state)
         finally:
@@ -169,7 +169,7 @@ class SeriesWatch(EventLog):
         if the point cannot be passed.
         """
         self.read(state)
-        if self.unbegun and (begun := self._begin(state)).status is not None:
+        if self.lacks_sides and (begun := self._begin(state)).status is not None:
             return begun
         events = [self.surfaces + i for i, event in enumerate(self.events) if not event.root]
         for end in self.continuations.ahead(state):
@@ -475,6 +475,6 @@ class SeriesWatch(EventLog):
         record.fresh, record.changed, record.enabled = 0, self.change_counter.last, int(not self.pending)
 
     @property
-    def unbegun(self) -> bool:
+    def lacks_sides(self) -> bool:
         """True until the loop has determined the signs of functions at the start of a smooth piece of motion."""
         return bool(self.memory.record.fresh)

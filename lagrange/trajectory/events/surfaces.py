@@ -184,7 +184,7 @@ class Continuations:
             start = begun, run.dense(np.array([begun]))[:, 0]
         early = state.t + EARLY * (end - state.t)
         between = early, run.dense(np.array([early]))[:, 0]
-        return y if self._steady(start, between, (end, y)) else None
+        return y if self._changes_gradually(start, between, (end, y)) else None
 
     def land(self, state: DriverState, end: float, y: FloatArray, row: int) -> None:
         """Record a short step without a Taylor series from the accepted state with index `row`.
@@ -203,7 +203,7 @@ class Continuations:
         taylor.rescalings = taylor.failures = 0
         state.y[:] = y
 
-    def _steady(self, *points: tuple[float, FloatArray]) -> bool:
+    def _changes_gradually(self, *points: tuple[float, FloatArray]) -> bool:
         """Return True if the accelerations at both ends of a leap are nearly equal, or change gradually.
 
         `points` are pairs of time and state (2n,) at the start of the leap, early in it, and at its end. The change is

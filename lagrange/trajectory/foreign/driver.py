@@ -332,7 +332,7 @@ class SolverDriver:
             fault = replace(fault, detail=f"{plan.package} says: {plan.messages[-1].message}")
         state.fault = fault
         if fault is not None:
-            return Outcome.UNSCALED if self._asks(state, fault) else Outcome.BROKEN
+            return Outcome.UNSCALED if self._needs_sizes(state, fault) else Outcome.BROKEN
         return Outcome.DONE if state.t == state.reals[S.END] else Outcome.PAUSED
 
     def _advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Fault | None:
@@ -371,7 +371,7 @@ class SolverDriver:
         self._solver = self._plan.start(law, self._plan.tolerances, state.floors, t, y, first)
         return self._solver if law.fault is None else None
 
-    def _asks(self, state: DriverState, fault: Fault) -> bool:
+    def _needs_sizes(self, state: DriverState, fault: Fault) -> bool:
         """Return True if steps became too small because an entry has no known size, so that floors must be raised.
 
         A floor is the least absolute tolerance of an entry. An entry that has only been rounding so far has no known

@@ -147,7 +147,7 @@ class ConstraintForces:
                 chosen
                 for chosen in combinations(moving, count)
                 if all(
-                    _unique(np.concatenate([self._slopes[label][:, :, k] for label in chosen]), rows[:, k])
+                    _has_one_solution(np.concatenate([self._slopes[label][:, :, k] for label in chosen]), rows[:, k])
                     for k in samples.tolist()
                 )
             ]
@@ -166,7 +166,7 @@ class ConstraintForces:
         )
 
 
-def _unique(slopes: FloatArray, row: FloatArray) -> bool:
+def _has_one_solution(slopes: FloatArray, row: FloatArray) -> bool:
     """Return True if row = slopes^T F has exactly one solution F (k,), the forces on some points per unit multiplier.
 
     `slopes` (k, n) are the derivatives of the k entries of the points' positions by the coordinates. `row` (n,) is the
