@@ -61,7 +61,7 @@ def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
     sums = list(dict.fromkeys(k for monomial in terms for k, _ in monomial if algebra.factors[k].is_Add))
     for k in sums:
         if len(algebra.factors[k].args) <= LONGEST_SUM and _is_worthwhile(algebra, terms, k):
-            terms = _put_together(algebra, terms, k)
+            terms = _merge_powers(algebra, terms, k)
     return terms
 
 
@@ -76,7 +76,7 @@ def _is_worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
     return several or len(exponents) >= len(algebra.read(algebra.factors[k]))
 
 
-def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
+def _merge_powers(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
     """Return the sum `terms`, shortened by merging terms that contain different powers of one factor.
 
     The factor is a sum such as s = x + y, and has the index `k` in the algebra. Terms that differ only in powers of s,
@@ -88,10 +88,10 @@ def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
         exponent = dict(monomial).get(k, 0)
         rest = tuple(pair for pair in monomial if pair[0] != k and algebra.factors[pair[0]] not in inside)
         groups.setdefault((rest, exponent - int(exponent // 1)), {})[monomial] = number
-    return algebra.add({}, *(_shorter(algebra, group, k) for group in groups.values()))
+    return algebra.add({}, *(_factor_out(algebra, group, k) for group in groups.values()))
 
 
-def _shorter(algebra: Algebra, group: MonomialSum, k: int) -> MonomialSum:
+def _factor_out(algebra: Algebra, group: MonomialSum, k: int) -> MonomialSum:
     """Return the terms `group` with the lowest power of factor `k` of the algebra, a sum, taken out.
 
     The rest is multiplied out. The terms are returned unchanged if there would not be fewer of them.
@@ -107,14 +107,14 @@ def _shorter(algebra: Algebra, group: MonomialSum, k: int) -> MonomialSum:
         for _ in range(int(dict(monomial).get(k, 0) - lowest)):
             product = algebra.multiply(product, base)
         expanded = algebra.add(expanded, product)
-    while lowest < 0 and len(expanded) > 1 and (quotient := _divided(expanded, base)) is not None:
+    while lowest < 0 and len(expanded) > 1 and (quotient := _exact_quotient(expanded, base)) is not None:
         expanded, lowest = quotient, lowest + 1
     if len(expanded) >= len(group):
         return group
     return algebra.multiply(expanded, {((k, lowest),): Integer(1)} if lowest else {(): Integer(1)})
 
 
-def _divided(terms: MonomialSum, base: MonomialSum) -> MonomialSum | None:
+def _exact_quotient(terms: MonomialSum, base: MonomialSum) -> MonomialSum | None:
     """Return the quotient of the sums `terms` and `base`, or None if the division has a remainder."""
     number, monomial, rest = common_factor(terms)
     variables = _Variables([rest, base])
@@ -223,11 +223,11 @@ class SumWriter:
         ((monomial, number),) = outside.items()
         roots = tuple((k, e) for k, e in monomial if e < 0 and self.algebra.factors[k].is_Add)
         above = shortened(self.algebra, self.algebra.multiply(above, {roots: S.One}))
-        numerator = self._together(self.write(above))
+        numerator = self._take_out_sums(self.write(above))
         if len(above) == 2 and numerator.could_extract_minus_sign():
             number, numerator = -number, -numerator
         common = self.algebra.power(tuple(factor for factor in monomial if factor not in roots))
-        fraction = Mul(number, common, numerator, 1 / self._together(self.write(rest)))
+        fraction = Mul(number, common, numerator, 1 / self._take_out_sums(self.write(rest)))
         one_term = rest == {ONE: S.One}
         apart = one_term and not divisible and divided.count_ops() <= LONGER_SUM * fraction.count_ops()
         return divided if apart else fraction
@@ -290,7 +290,7 @@ class SumWriter:
             self._factored[expression] = sympy.factor(expression) if polynomial else expression
         return self._factored[expression]
 
-    def _together(self, expression: Any) -> Any:
+    def _take_out_sums(self, expression: Any) -> Any:
         """Return a sum with shared factors that are sums taken out: x*(a + b) + y*(a + b) becomes (a + b)*(x + y)."""
         if not expression.is_Add:
             return expression

@@ -184,7 +184,7 @@ class Derivation:
     def lagrangian(self) -> Any:
         """The Lagrangian L = T - V, with like terms merged and collected."""
         collected = self._written("the Lagrangian", lambda page: page.show(page.lagrangian))
-        return _shorter(collected, self.kinetic - self.potential) if self._is_quoted else collected
+        return _shorter_of(collected, self.kinetic - self.potential) if self._is_quoted else collected
 
     @cached_property
     def momenta(self) -> Mapping[Any, Any]:
@@ -290,7 +290,7 @@ class Derivation:
     def energy(self) -> Any:
         """The Jacobi integral v . p - L, which is T + V if T is quadratic in the velocities."""
         collected = self._written("the energy", lambda page: page.show(page.energy))
-        return _shorter(collected, self.kinetic + self.potential) if self._keeps_its_sum else collected
+        return _shorter_of(collected, self.kinetic + self.potential) if self._keeps_its_sum else collected
 
     @cached_property
     def accelerations(self) -> Mapping[Any, Any]:
@@ -302,10 +302,10 @@ class Derivation:
         """
         solved = self._written(ACCELERATIONS, lambda page: page.by_coordinate(page.motion[: len(page.q)]))
         return MappingProxyType(
-            {q: _shorter(value, self._divided(i, value)) for i, (q, value) in enumerate(solved.items())}
+            {q: _shorter_of(value, self._divided_by_mass(i, value)) for i, (q, value) in enumerate(solved.items())}
         )
 
-    def _divided(self, index: int, solved: Any) -> Any:
+    def _divided_by_mass(self, index: int, solved: Any) -> Any:
         """Return an acceleration, each term of its equation of motion divided by the mass, such as g - k*(s - d)/m.
 
         `index` is the index of the coordinate. Returns the formula `solved` instead if the equation has other
@@ -387,14 +387,16 @@ class Derivation:
         if not self._is_short:
             return collected
         pairs = zip(collected.items(), as_stated(), strict=True)
-        return MappingProxyType({q: v if other.has(*KINKED) else _shorter(v, other) for (q, v), other in pairs})
+        return MappingProxyType({q: v if other.has(*KINKED) else _shorter_of(v, other) for (q, v), other in pairs})
 
     def _merged(self, what: str, stated: Any) -> Any:
         merged = self._written(what, lambda page: page.show(page.algebra.merge_angles(page.read(stated))))
         if not self._is_quoted:
             return merged
         page = self._page
-        return _shorter(_shorter(merged, stated), page.finish(page.algebra.tidy_roots(stated.xreplace(page.plain))))
+        return _shorter_of(
+            _shorter_of(merged, stated), page.finish(page.algebra.tidy_roots(stated.xreplace(page.plain)))
+        )
 
     def _each(self, what: str, parts: Callable[[TextbookAlgebra], Iterable[Any]]) -> Mapping[Any, Any]:
         return self._written(what, lambda page: page.by_coordinate(parts(page)))
@@ -418,7 +420,7 @@ def too_large(statement: Statement, what: str = ACCELERATIONS) -> StatementError
     )
 
 
-def _shorter(collected: Any, stated: Any) -> Any:
+def _shorter_of(collected: Any, stated: Any) -> Any:
     """Return `stated` if it has fewer operations, or as many operations and fewer terms. Else return `collected`."""
     return stated if _length(stated) < _length(collected) else collected
 

@@ -168,7 +168,7 @@ def first_order_coordinates(laws: StatedLaws) -> tuple[int, ...]:
         chosen = [i for i in chosen if i not in alone]
 
 
-def without(first_order: Sequence[int], motion: MotionForm, rates: Mapping[Node, Node]) -> MotionForm:
+def without_first_order(first_order: Sequence[int], motion: MotionForm, rates: Mapping[Node, Node]) -> MotionForm:
     """Return the equations `motion` with zero momenta, forces and bias for the coordinates of first order.
 
     These coordinates have no inertia. `first_order` has their indices. Their equations are relations between
@@ -381,7 +381,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     check_inertia(statement.names, laws, first_order)
     kept = range(len(constraints)) if kept is None else kept
     solved, rates = with_relations(laws, constraints.part(kept), first_order, statement.names)
-    motion = without(first_order, MotionForm(tuple(momenta), tuple(forces), tuple(bias)), rates)
+    motion = without_first_order(first_order, MotionForm(tuple(momenta), tuple(forces), tuple(bias)), rates)
     motion, inertia = with_inertia(laws, motion, first_order, constraints.part(kept))
     matrix = system_matrix(inertia, solved)
     plan = plan_of(matrix, tuple(range(len(q), len(matrix))))

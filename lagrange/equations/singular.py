@@ -71,12 +71,12 @@ def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     scale = np.ones(len(matrix))
     for _ in range(30):
-        largest = np.abs(_divided(matrix, scale)).max(axis=1, initial=0.0)
+        largest = np.abs(_scaled(matrix, scale)).max(axis=1, initial=0.0)
         scale = scale * np.sqrt(np.where(largest > 0, largest, 1.0))
-    return _divided(matrix, scale), scale
+    return _scaled(matrix, scale), scale
 
 
-def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
+def _scaled(matrix: FloatArray, scale: FloatArray) -> FloatArray:
     """Return the matrix with the entries A_ij / (s_i s_j), where A is `matrix` and s are the scale factors `scale`.
 
     Each entry is divided twice, since the product of two scales may underflow.
@@ -105,7 +105,7 @@ def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | No
         return None
     normalised = scale is None
     scale = scales(mass, gradient) if scale is None else scale
-    whole = _divided(_whole(mass, gradient), scale)
+    whole = _scaled(_whole(mass, gradient), scale)
     rows = whole[n:, :n]
     dependent = _dependent(rows, scale[n:], normalised=normalised) if m else None
     if dependent is not None and dependent.regularity <= RANK:
@@ -246,7 +246,7 @@ def motion_along(layout: StateLayout, q: Sequence[float] | FloatArray, null: Flo
     size = np.abs([*motion.values()])
     # The first of the largest entries becomes exactly 1.
     unit = [*motion.values()][int(np.argmax(size > 0.999 * size.max()))]
-    return few([f"{name} = {x / unit:.4g}" for name, x in motion.items() if abs(x / unit) > 1e-9])
+    return shortened_list([f"{name} = {x / unit:.4g}" for name, x in motion.items() if abs(x / unit) > 1e-9])
 
 
 def no_inertia_along(motion: str) -> str:
@@ -257,7 +257,7 @@ def no_inertia_along(motion: str) -> str:
     return f"{name} has no inertia{axis and f' about the axis {axis} of its body'}"
 
 
-def few(parts: list[str]) -> str:
+def shortened_list(parts: list[str]) -> str:
     """Return a text that lists at most `NAMED_VELOCITIES` of the `parts`, then "and so on"."""
     return ", ".join(parts if len(parts) <= NAMED_VELOCITIES else [*parts[: NAMED_VELOCITIES - 1], "and so on"])
 

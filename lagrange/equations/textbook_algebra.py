@@ -320,7 +320,7 @@ class TextbookAlgebra(StatedAlgebra):
         ]
 
     @cached_property
-    def apart_from_multipliers(self) -> tuple[list[MonomialSum], list[list[MonomialSum]]]:
+    def split_by_multipliers(self) -> tuple[list[MonomialSum], list[list[MonomialSum]]]:
         """Right-hand sides h without the terms that contain multipliers, and the derivatives of h by the multipliers.
 
         The derivatives are rows, one for each coordinate.
@@ -345,7 +345,7 @@ class TextbookAlgebra(StatedAlgebra):
         if has_large_block([list(map(bool, row)) for row in self.mass]):
             raise TooLargeError
         negative = partial(self.algebra.scale, number=S.NegativeOne)
-        right, pushes = self.apart_from_multipliers
+        right, pushes = self.split_by_multipliers
         bias = [*right, *map(negative, self.constraint_bias)]
         columns = [
             [self.algebra.add(row[i], push[k]) for k, row in enumerate(self.gradient)] for i, push in enumerate(pushes)

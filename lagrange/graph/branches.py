@@ -93,7 +93,7 @@ def opposite(condition: Node) -> Node:
     return condition.graph.call("not", condition)
 
 
-def where_read(node: Node, condition: Node) -> Node:
+def one_elsewhere(node: Node, condition: Node) -> Node:
     """Return a node that equals `node` if the condition holds, and else the constant 1.
 
     So the result is finite and not zero where the condition does not hold, and no event is found there.
@@ -120,4 +120,4 @@ def square_roots(graph: Graph, nodes: tuple[Node, ...]) -> Mapping[Node, Node]:
             base, when = node.args[0], read(node)
             bases[base] = either(bases[base], when) if base in bases else when
             least[base] = min(least.get(base, node), node, key=lambda power: abs(power.data))
-    return {where_read(graph.power(base, Fraction(1, 2)), when): least[base] for base, when in bases.items()}
+    return {one_elsewhere(graph.power(base, Fraction(1, 2)), when): least[base] for base, when in bases.items()}

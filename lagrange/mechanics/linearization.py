@@ -122,7 +122,7 @@ class Linearization(ShownAsPage):
         """Indices that `velocity_coordinates` have among all coordinates of the system."""
         return [self.statement.coordinates.index(q) for q in self.velocity_coordinates]
 
-    def of_moving(self) -> Linearization | None:
+    def of_velocity_coordinates(self) -> Linearization | None:
         """Return the same equations with `velocity_coordinates` as the only coordinates, so that K is square.
 
         The result is None if the equations contain other coordinates.

@@ -118,7 +118,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
             f"the mass matrix of {statement.name} is singular at this point: state the modes in coordinates that are "
             "regular there."
         )
-    moving = lin.of_moving()
+    moving = lin.of_velocity_coordinates()
     if moving is None:
         raise StatementError(
             f"{statement.name} has constraints on velocities, and its forces depend on more coordinates than it has "

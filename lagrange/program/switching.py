@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 
-from lagrange.graph.branches import either, may_lack_value, read_when, where_read
+from lagrange.graph.branches import either, may_lack_value, one_elsewhere, read_when
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable, rebuild
 from lagrange.statement.vocabulary.functions import CONDITIONS
 
@@ -55,9 +55,9 @@ def switch(graph: Graph, outputs: Sequence[Node]) -> Switched:
     switches.smooth(conditions, table)
     return Switched(
         smooth={node: table[node] for node in outputs},
-        surfaces=tuple(where_read(g, table[c]) for g, c in zip(switches.surfaces, conditions, strict=True)),
+        surfaces=tuple(one_elsewhere(g, table[c]) for g, c in zip(switches.surfaces, conditions, strict=True)),
         sides=tuple(switches.sides),
-        stated=tuple(where_read(g, c) for g, c in zip(switches.expressions, conditions, strict=True)),
+        stated=tuple(one_elsewhere(g, c) for g, c in zip(switches.expressions, conditions, strict=True)),
         expressions=tuple(switches.expressions),
         starts=switches.starts,
     )

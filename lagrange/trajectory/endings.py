@@ -10,7 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from lagrange.algorithm.events.constants import TOGETHER
-from lagrange.equations.singular import Singular, dependent_rows, few, least_regular, matrices_at, motion_along, scales
+from lagrange.equations.singular import (
+    Singular,
+    dependent_rows,
+    least_regular,
+    matrices_at,
+    motion_along,
+    scales,
+    shortened_list,
+)
 from lagrange.errors import RunError
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
@@ -220,7 +228,7 @@ def _named(names: Sequence[str], y: FloatArray) -> str:
 
     `names` are the names of the first entries of the state. Entries without a name are left out.
     """
-    return few([f"{name} = {number(x)}" for name, x in zip(names, y, strict=False)])
+    return shortened_list([f"{name} = {number(x)}" for name, x in zip(names, y, strict=False)])
 
 
 def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, metric: FloatArray) -> bool:

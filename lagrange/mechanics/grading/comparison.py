@@ -169,8 +169,8 @@ class _Case:
 
     `derivation` has the correct equations; for a system with rotations it is of another statement, in rates of bodies.
     `write` turns an expression into text for messages. `distances` are the names of coordinates that are positive in
-    all samples. `pulling` is true if multipliers were typed as forces such as T. `doubted` is true if a remark in the
-    answer, such as a relation in equilibrium, does not hold; it is not among the rows.
+    all samples. `has_typed_forces` is true if multipliers were typed as forces such as T. `has_false_remark` is true if
+    a remark in the answer, such as a relation in equilibrium, does not hold; it is not among the rows.
     """
 
     rows: Sequence[EquationRow]
@@ -178,8 +178,8 @@ class _Case:
     derivation: Derivation
     write: Write
     distances: Collection[str]
-    pulling: bool
-    doubted: bool
+    has_typed_forces: bool
+    has_false_remark: bool
 
     def wrong(self, samples: Sequence[MotionSample]) -> tuple[int, ...]:
         """Return the indices of the equations that fail at one or more of the samples."""
@@ -187,7 +187,7 @@ class _Case:
 
     def is_unlikely(self, samples: Sequence[MotionSample]) -> bool:
         """Return True if the samples have unlikely multipliers: a negative sum, though they were typed as forces."""
-        return self.pulling and bool(sum(sum(sample.multipliers) for sample in samples) < 0)
+        return self.has_typed_forces and bool(sum(sum(sample.multipliers) for sample in samples) < 0)
 
 
 @dataclass(frozen=True, repr=False)
@@ -240,7 +240,7 @@ def compare_equations(
                 return compare_equations(statement, derive(statement, positive), equations, write, positive)
     equations = [row.equation for row in rows]
     letters = {multiplier: letter for equation in equations for multiplier, letter in equation.letters.items()}
-    pulling = any(not str(letter).startswith("lam") for letter in letters.values())
+    has_typed_forces = any(not str(letter).startswith("lam") for letter in letters.values())
 
     def written(expression: Any) -> str:
         return write(expression.xreplace(letters))
@@ -248,7 +248,9 @@ def compare_equations(
     further, untried = branch_samples(statement, rows, samples)
     entries = [statement.names.index(name) for name in distances]
     samples += [sample for sample in further if all(sample.point.q[i] > 0 for i in entries)]
-    case = _Case(rows, statement, derivation, written, distances, pulling, doubted=len(rows) < len(likeliest))
+    case = _Case(
+        rows, statement, derivation, written, distances, has_typed_forces, has_false_remark=len(rows) < len(likeliest)
+    )
     return _with_remarks(_compared(case, samples, untried), equations, letters)
 
 
@@ -326,7 +328,7 @@ def _compared(case: _Case, samples: Sequence[MotionSample], untried: Sequence[Wa
     if right is None:
         choices += [negated] if statement.constraints and choices[-1] is not negated else []
         return _judged_wrong(case, choices)
-    missing = _missing(rows, right, doubted=case.doubted)
+    missing = _missing(rows, right, has_false_remark=case.has_false_remark)
     if missing:
         start = "The equation holds" if len(rows) == 1 else "The equations hold"
         return EquationsComparison(right=False, message=f"{start}, but {missing}")
@@ -482,12 +484,12 @@ def _blamed(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> tuple[tup
     return wrong, term
 
 
-def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, doubted: bool) -> str:
+def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, has_false_remark: bool) -> str:
     """Return the end of a message on equations that are missing in an answer without wrong ones, or "".
 
     Equations are missing if some accelerations are not determined. An equation without accelerations is replaced by its
     first or second time derivative. The length of a quaternion needs no equation. Constraints are part of the statement
-    and need not be repeated, unless the answer is `doubted`: a remark in it, such as a constraint, does not hold.
+    and need not be repeated, unless `has_false_remark` is true: a remark, such as a constraint, does not hold.
     """
     statement = rows[0].statement
     names = [rotation_name(q) or name_of(q) for q in statement.coordinates]
@@ -511,7 +513,7 @@ def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, do
             counted = "1 equation is" if count == 1 else f"{count} equations are"
             return f"{counted} given and {needed} are needed: {rates} left open."
         return f"not all are independent: {rates} left open."
-    if not doubted:
+    if not has_false_remark:
         return ""
     absent = []
     for constraint, row in zip(statement.constraints, gradients, strict=True):
