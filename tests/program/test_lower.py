@@ -165,7 +165,7 @@ def test_a_long_product_is_lowered_without_depth() -> None:
 
 
 # --- program --------------------------------------------------------------------------------------------------
-# What is saved of hoisted instructions; the tables of operations are complete.
+# Results of hoisted instructions that are saved, and the tables of operations.
 
 I = Instruction
 SOUND = Program(
